@@ -139,11 +139,16 @@ class Pipeline:
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
 
-    def states(self) -> dict[str, str]:
-        """Return for each stage "up to date", "due", or "cannot run: …"."""
-        # Without the lock: a workspace can be read while another program works in it.
-        with closing(Catalog(self.workspace, read_only=True)) as catalog:
+    def states(self, catalog: Catalog | None = None) -> dict[str, str]:
+        """Return for each stage "up to date", "due", or "cannot run: …".
+
+        `catalog` is one that is open for reading, by default a new one.
+        """
+        if catalog is not None:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
+        # Without the lock: a workspace can be read while another program works in it.
+        with closing(Catalog(self.workspace, read_only=True)) as opened_now:
+            return self.states(opened_now)
 
     def _of_all(self) -> Pipeline:
         """Return the pipeline of what all solutions of the workspace share."""
@@ -361,10 +366,7 @@ class Pipeline:
         record = catalog.record(stage.name)
         if record is None or record.key != key.digest:
             return None
-        files = [self.workspace.path_of(path) for path in record.outputs]
-        if not all(file.is_file() for file in files):
-            return None
-        return record if catalog.digests_of(files) == list(record.outputs.values()) else None
+        return record if catalog.recorded(record) == record.outputs else None
 
     def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
         """Return whether `stage` ran before but its inputs, settings or version changed since."""

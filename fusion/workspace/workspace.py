@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
 from fusion.runtime.folders import make_folder
+from fusion.workspace.folder_files import visible_files
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
 from fusion.workspace.solution_records.record import (
     IMPORTED,
@@ -159,11 +161,13 @@ class Workspace:
 
     def maplet_files(self) -> list[Path]:
         """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
-        paths = []
+        folder, paths = self.home / "MAPFILES", []
+        there = _entries(folder)
         for name in self.maplet_names():
-            path = self.maplet_path(name)
-            companion = sigma_path(path)
-            paths += [path, companion] if _is_there(companion) else [path]
+            map_file = folder / f"{name}.MAP"
+            paths.append(map_file)
+            if f"{name}.SIG" in there:
+                paths.append(sigma_path(map_file))
         return paths
 
     def maplet(self, name: str) -> Maplet:
@@ -216,10 +220,11 @@ class Workspace:
 
     def image_files(self) -> list[Path]:
         """Return the files of all images: each .SUM, and its pixels where IMAGEFILES has them."""
+        there = _entries(self.root / "IMAGEFILES")
         paths = []
         for name in self.image_names():
             exposure = self.exposure_path(name)
-            paths += [self.image_path(name), *([exposure] if _is_there(exposure) else [])]
+            paths += [self.image_path(name), *([exposure] if exposure.name in there else [])]
         return paths
 
     def shape_path(self) -> Path:
@@ -391,39 +396,24 @@ class Workspace:
     def _stems(self, folder: str, suffix: str) -> list[str]:
         """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
         base = self.root if folder in _SHARED else self.home
-        return [p.stem for p in self._files(base / folder, suffix) if p.suffix == suffix]
+        names = visible_files(base / folder, suffix)
+        return [name.removesuffix(suffix) for name in names if name.endswith(suffix)]
 
     @staticmethod
-    def _files(folder: Path, suffix: str = "") -> list[Path]:
-        """Return the visible files of a folder, sorted; none where there is no folder.
-
-        A link that leads nowhere, and a folder with the `suffix` of a file, are refused: what they
-        stand for would be left out silently.
-        """
-        try:
-            entries = sorted(entry for entry in folder.iterdir() if entry.name[0] != ".")
-            for entry in entries:
-                if entry.is_symlink() and not entry.exists():
-                    raise WorkspaceError(
-                        f"is a link to {entry.readlink()}, which is not there",
-                        entry,
-                        "bring that back, or remove the link",
-                    )
-                if suffix and entry.suffix == suffix and not entry.is_file():
-                    raise WorkspaceError("is no file", entry, "move it elsewhere")
-            return [entry for entry in entries if entry.is_file()]
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise WorkspaceError(
-                f"cannot be listed ({error.strerror})", folder, "check its permissions"
-            ) from error
+    def _files(folder: Path) -> list[Path]:
+        """Return the visible files of a folder, sorted; none where there is no folder."""
+        return [folder / name for name in visible_files(folder)]
 
     def _present(self, path: Path, what: str) -> Path:
         """Return `path`, refused unless it is a file."""
         if not path.is_file():
             raise WorkspaceError(f"the {what} is not there", path, f"see: spcola info {self.root}")
         return path
+
+
+def _entries(folder: Path) -> frozenset[str]:
+    """Return the names of all that is in a folder; none where there is no folder."""
+    return frozenset(os.listdir(folder)) if folder.is_dir() else frozenset()
 
 
 def _is_there(path: Path) -> bool:

@@ -4,3 +4,4 @@ from .folders import make_folder as make_folder
 from .folders import remove_folder as remove_folder
 from .lock import locked as locked
 from .remembered import Remembered as Remembered
+from .ticks import may_hide_a_change as may_hide_a_change
