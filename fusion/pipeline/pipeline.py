@@ -57,6 +57,8 @@ class StageRun:
         Why its result may not be used, by its verdict; empty if it may.
     notes : tuple of str
         Files that were changed or damaged, and what was done about them.
+    remarks : tuple of Finding
+        Of the stage about this run only.
     """
 
     stage: str
@@ -66,6 +68,7 @@ class StageRun:
     reason: str = ""
     obstacle: str = ""
     notes: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -232,6 +235,7 @@ class Pipeline:
             items,
             own,
             self.subset,
+            catalog.record(stage.name),
         )
         self._note_shape(key.inputs)
         result = stage.run(context)
@@ -247,7 +251,8 @@ class Pipeline:
         if not self.subset:
             items.remove_unused(since=started)
         took = time.monotonic() - begun
-        run = StageRun(stage.name, "ran", took, json_value(result.summary))
+        summary, remarks = json_value(result.summary), result.remarks
+        run = StageRun(stage.name, "ran", took, summary, remarks=remarks)
         return self._judged(run, (*notes, *self._report(catalog, result.notes)))
 
     def _note_shape(self, inputs: Mapping[str, str]) -> None:
