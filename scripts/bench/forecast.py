@@ -93,7 +93,9 @@ def bench(work: Path, preset: str, seed: int) -> None:
     begun = time.monotonic()
     before = stage_forecasts(workspace, settings)
     print(f"{preset}: forecast of the whole run in {time.monotonic() - begun:.1f} s")
-    print(f"  {'stage':10}{'before, s':>10}{'now, s':>8}{'taken, s':>9}{'ratios':>13}{'':5}disk, MB")
+    print(
+        f"  {'stage':10}{'before, s':>10}{'now, s':>8}{'taken, s':>9}{'ratios':>13}{'':5}disk, MB"
+    )
     total = 0.0
     for stage in stages:
         total += forecast_and_run(workspace, settings, stage.name, before[stage.name])

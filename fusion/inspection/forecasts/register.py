@@ -101,7 +101,7 @@ def _imaging(situation: Situation, names: list[str], *, ready: bool) -> float:
     workspace, workers = situation.workspace, situation.workers
     ground: Callable[[str], Maplet] = workspace.mapola if ready else workspace.maplet
     sample = [name for name in names if ready or workspace.maplet_path(name).is_file()]
-    sample = sample[:: max(1, -(-len(sample) // (3 * workers)))]
+    sample = sample[:: max(1, -(-len(sample) // (2 * workers)))]
     if not sample:
         return 0.0
     begun = time.perf_counter()

@@ -93,7 +93,9 @@ def test_right_maplets_are_fused_without_a_finding(right: Path, tmp_path: Path) 
     assert f"all {COUNT} maplets are fused again" in remark["text"]
     assert remark["text"].startswith("the errors of SPC were estimated again (heights ")
     call("register", folder)
-    assert "note: after another registration" in CliRunner().invoke(app, ["fuse", str(folder)]).stderr
+    assert (
+        "note: after another registration" in CliRunner().invoke(app, ["fuse", str(folder)]).stderr
+    )
 
 
 @pytest.mark.parametrize(
