@@ -23,8 +23,8 @@ def visible_files(folder: Path, suffix: str = "") -> list[str]:
             for entry in entries:
                 if entry.name[0] == ".":
                     continue
-                # Not entry.is_file(): it fails for a link that leads in a circle.
-                if os.path.isfile(entry.path) if entry.is_symlink() else entry.is_file():
+                # Not entry.is_file() of a link: it fails if that leads in a circle.
+                if Path(entry.path).is_file() if entry.is_symlink() else entry.is_file():
                     names.append(entry.name)
                 else:
                     _check(entry, suffix)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -413,7 +412,7 @@ class Workspace:
 
 def _entries(folder: Path) -> frozenset[str]:
     """Return the names of all that is in a folder; none where there is no folder."""
-    return frozenset(os.listdir(folder)) if folder.is_dir() else frozenset()
+    return frozenset(path.name for path in folder.iterdir()) if folder.is_dir() else frozenset()
 
 
 def _is_there(path: Path) -> bool:

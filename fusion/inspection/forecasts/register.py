@@ -75,7 +75,7 @@ def _of_returns(
     situation: Situation, stage: Stage, store: NotingStore
 ) -> tuple[list[str], Sample, Basis]:
     """Return the same if the returns are matched: they and the maplets are there from the start."""
-    table, ready = situation.settings.registration, stage.name in situation.ready
+    ready = stage.name in situation.ready
     source = ReturnSource.of(situation.context(stage, store), situation.workspace.adjustment())
     grids = situation.grids
     with tempfile.TemporaryDirectory() as folder:

@@ -19,8 +19,8 @@ from fusion.pipeline.catalog.records import (
     StageRecord,
     read_record,
     read_records,
-    recorded_stages,
     record_path,
+    recorded_stages,
     write_record,
 )
 from fusion.runtime.folders import may_hide_a_change
@@ -154,7 +154,7 @@ class Catalog:
         """Return the SHA-256 of each output that a stage recorded; None for one that is gone."""
         digests = dict(self._seen or {})
         paths = {n: self.workspace.path_of(n) for n in record.outputs if n not in digests}
-        there = {name: path for name, path in paths.items() if os.path.isfile(path)}
+        there = {name: path for name, path in paths.items() if path.is_file()}
         digests |= zip(there, self.digests_of(list(there.values())), strict=True)
         return {name: digests.get(name) for name in record.outputs}
 
