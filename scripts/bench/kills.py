@@ -134,7 +134,7 @@ def attacked(
     # A run that goes on with what was kept is over earlier.
     share = 0.35 if attack.title == "run" else 0.9
     for number in range(options.kills if attack.title in options.only else 0):
-        before, wait = attack.items(killed), float(rng.uniform(0.3 * share, share) * longest)
+        before, wait = attack.items(killed), float(rng.uniform(0.15 * share, share) * longest)
         ended = interrupted(attack.command(killed), wait)
         there = attack.digests(killed)
         lost += 0 if ended else len(before - attack.items(killed))

@@ -16,7 +16,7 @@ _POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 4000.0, 6.0, 190.0
 # Bytes of one return of a scan that is read as a whole.
 _RETURN_BYTES = 250.0
 # Shots of the runs that are timed.
-_SHOTS = (50, 200)
+_SHOTS = (50, 300)
 _FIT_S = 1.0
 # Bytes of a shot: in memory, in scale.json.
 _SHOT_BYTES, _ENTRY_BYTES = 5000.0, 300.0
