@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sized
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -52,6 +53,8 @@ def run_content(run: StageRun) -> dict[str, Any]:
         content["obstacle"] = run.obstacle
     if run.notes:
         content["notes"] = list(run.notes)
+    if run.remarks:
+        content["remarks"] = [asdict(one) for one in run.remarks]
     return {**content, "summary": dict(run.summary)}
 
 

@@ -13,7 +13,7 @@ from fusion.inspection.file_kinds import FileKind, file_kind, first_word, lidar_
 from fusion.inspection.image_facts import image_facts
 from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
 from fusion.pipeline import Pipeline
-from fusion.pipeline.catalog import Catalog, read_records, unsound
+from fusion.pipeline.catalog import Catalog, unsound
 from fusion.products.formats import read_fits_dtm, read_geotiff
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
@@ -48,6 +48,14 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
     scans = list(readable_scans(workspace).values())
     per_worker = settings.ingest.chunk * BYTES_PER_RETURN
     shapes = sorted((workspace.home / "SHAPEFILES").glob("[!.]*"))
+    pipeline = Pipeline(workspace, settings, load_stages())
+    # Without the lock: a workspace can be read while another program works in it.
+    with closing(Catalog(workspace, read_only=True)) as catalog:
+        found = {
+            "stages": pipeline.states(catalog),
+            "problems": _problems(workspace, catalog),
+            "finished": {record.stage: record.finished for record in catalog.records()},
+        }
     return {
         "kind": "workspace",
         "body": settings.body.name,
@@ -64,13 +72,11 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "fused": len(workspace.fused_names()),
         "import_memory_per_worker_mb": per_worker / 1e6,
         "import_memory_mb": (PROGRAM_BYTES + usable_cores() * per_worker) / 1e6,
-        "stages": Pipeline(workspace, settings, load_stages()).states(),
-        "problems": _problems(workspace),
-        "finished": {record.stage: record.finished for record in read_records(workspace)},
+        **found,
     }
 
 
-def _problems(workspace: Workspace) -> list[str]:
+def _problems(workspace: Workspace, catalog: Catalog) -> list[str]:
     """Return what is wrong with scans and maplets, so that commands refuse them."""
     found = []
     for path in workspace.scan_paths():
@@ -82,8 +88,7 @@ def _problems(workspace: Workspace) -> list[str]:
         first, second = workspace.scan_path(one), workspace.scan_path(other)
         found.append(f"{first} and {second} hold the same scan")
     try:
-        with closing(Catalog(workspace)) as catalog:
-            found += [one.text for one in unsound(workspace, catalog)]
+        found += [one.text for one in unsound(workspace, catalog)]
     except SpcolaError as error:
         found.append(str(error))
     return found

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.pipeline.catalog.catalog import Catalog
-from fusion.pipeline.catalog.records import SHARED_STAGES
+from fusion.pipeline.catalog.records import SHARED_STAGES, StageRecord
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
@@ -105,11 +105,16 @@ class Pipeline:
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
 
-    def states(self) -> dict[str, str]:
-        """Return for each stage "up to date", "due", or "cannot run: …"."""
-        # Without the lock: a workspace can be read while another program works in it.
-        with closing(Catalog(self.workspace, read_only=True)) as catalog:
+    def states(self, catalog: Catalog | None = None) -> dict[str, str]:
+        """Return for each stage "up to date", "due", or "cannot run: …".
+
+        `catalog` is one that is open for reading, by default a new one.
+        """
+        if catalog is not None:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
+        # Without the lock: a workspace can be read while another program works in it.
+        with closing(Catalog(self.workspace, read_only=True)) as opened_now:
+            return self.states(opened_now)
 
     def _of_all(self) -> Pipeline:
         """Return the pipeline of what all solutions of the workspace share."""
@@ -176,7 +181,7 @@ class Pipeline:
         own = changes.own(stage)
         noted = _notes(stage, own, changes.used_before(stage, key.inputs))
         notes = self._report(catalog, [*(changed.text for changed in before), *noted])
-        context = self._context(stage, key, own)
+        context = self._context(stage, key, own, catalog.record(stage.name))
         self._note_shape(key.inputs)
         result = stage.run(context)
         if self.subset:
@@ -191,12 +196,15 @@ class Pipeline:
         if not self.subset:
             context.items.remove_unused(since=started)
         took = time.monotonic() - begun
-        run = StageRun(stage.name, "ran", took, json_value(result.summary))
+        summary = json_value(result.summary)
+        run = StageRun(stage.name, "ran", took, summary, remarks=result.remarks)
         return run.judged(
             self.settings.accept.codes, (*notes, *self._report(catalog, result.notes))
         )
 
-    def _context(self, stage: Stage, key: StageKey, own: Changed) -> StageContext:
+    def _context(
+        self, stage: Stage, key: StageKey, own: Changed, last: StageRecord | None
+    ) -> StageContext:
         """Return what `stage` runs with; finished parts of runs with other keys are removed."""
         scratch = self._scratch / stage.name / key.digest[:16]
         if scratch.parent.is_dir():
@@ -207,7 +215,7 @@ class Pipeline:
         items = ItemStore(item_folder(self.workspace.home, stage.name), key.version)
         return StageContext(
             self.workspace, self.settings, stage.tables, self.executor, self.progress,
-            key.inputs, key.digest, scratch, items, own, self.subset,
+            key.inputs, key.digest, scratch, items, own, self.subset, last,
         )  # fmt: skip
 
     @property

@@ -54,10 +54,7 @@ def current_record(catalog: Catalog, stage: str, key: StageKey) -> StageRecord |
     record = catalog.record(stage)
     if record is None or record.key != key.digest:
         return None
-    files = [catalog.workspace.path_of(path) for path in record.outputs]
-    if not all(file.is_file() for file in files):
-        return None
-    return record if catalog.digests_of(files) == list(record.outputs.values()) else None
+    return record if catalog.recorded(record) == record.outputs else None
 
 
 def keep_result(

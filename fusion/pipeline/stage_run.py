@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
-from fusion.verdict import Verdict
+from fusion.verdict import Finding, Verdict
 
 State = Literal["ran", "up to date", "cannot run"]
 
@@ -29,6 +29,8 @@ class StageRun:
         Why its result may not be used, by its verdict; empty if it may.
     notes : tuple of str
         Files that were changed or damaged, and what was done about them.
+    remarks : tuple of Finding
+        Of the stage about this run only.
     """
 
     stage: str
@@ -38,6 +40,7 @@ class StageRun:
     reason: str = ""
     obstacle: str = ""
     notes: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
 
     @classmethod
     def not_made(cls, stage: str, reason: str) -> Self:

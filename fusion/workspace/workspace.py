@@ -11,7 +11,13 @@ from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
 from fusion.runtime.folders import make_folder
 from fusion.workspace.json_file import read_object
-from fusion.workspace.listing import is_there, listed_names, visible_files
+from fusion.workspace.listing import (
+    entry_names,
+    is_there,
+    listed_names,
+    visible_files,
+    visible_names,
+)
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
 from fusion.workspace.shape_file import check_unit, shape_file
 from fusion.workspace.solution_records.record import (
@@ -159,9 +165,14 @@ class Workspace:
 
     def maplet_files(self) -> list[Path]:
         """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
-        maps = [self.maplet_path(name) for name in self.maplet_names()]
-        both = ((path, sigma_path(path)) for path in maps)
-        return [file for pair in both for file in pair if file is pair[0] or is_there(file)]
+        folder, paths = self.home / "MAPFILES", []
+        there = entry_names(folder)
+        for name in self.maplet_names():
+            map_file = folder / f"{name}.MAP"
+            paths.append(map_file)
+            if f"{name}.SIG" in there:
+                paths.append(sigma_path(map_file))
+        return paths
 
     def maplet(self, name: str) -> Maplet:
         """Read the maplet `name`."""
@@ -226,8 +237,9 @@ class Workspace:
 
     def image_files(self) -> list[Path]:
         """Return the files of all images: states, and pixels where IMAGEFILES has them."""
+        there = entry_names(self.root / "IMAGEFILES")
         exposures = [self.exposure_path(name) for name in self.image_names()]
-        return [*self.state_files(), *(path for path in exposures if is_there(path))]
+        return [*self.state_files(), *(path for path in exposures if path.name in there)]
 
     def shape_path(self) -> Path:
         """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.
@@ -359,7 +371,7 @@ class Workspace:
     def _stems(self, folder: str, suffix: str) -> list[str]:
         """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
         base = self.root if folder in _SHARED else self.home
-        return [path.stem for path in visible_files(base / folder, suffix)]
+        return [name.removesuffix(suffix) for name in visible_names(base / folder, suffix)]
 
     def _present(self, path: Path, what: str) -> Path:
         """Return `path`, refused unless it is a file."""

@@ -59,7 +59,7 @@ class StageRecord:
         """
         kept = {name: content[name] for name in cls.__dataclass_fields__}
         # Records of earlier versions of the program have no checksum.
-        if content.get(_CHECKSUM, content_digest(kept)) != content_digest(kept):
+        if _CHECKSUM in content and content[_CHECKSUM] != content_digest(kept):
             raise ValueError("fails its checksum")
         return cls(**kept)
 
@@ -113,6 +113,11 @@ def read_records(workspace: Workspace) -> list[StageRecord]:
     WorkspaceError
         If a file cannot be read.
     """
-    own = {path.stem for path in (workspace.home / RECORD_FOLDER).glob("*.json")}
-    found = (read_record(workspace, stage) for stage in sorted(own | set(SHARED_STAGES)))
+    found = (read_record(workspace, stage) for stage in recorded_stages(workspace))
     return [record for record in found if record is not None]
+
+
+def recorded_stages(workspace: Workspace) -> list[str]:
+    """Return the stages that may have a record: of the solution, and those that solutions share."""
+    own = {path.stem for path in (workspace.home / RECORD_FOLDER).glob("*.json")}
+    return sorted(own | set(SHARED_STAGES))

@@ -11,6 +11,7 @@ from command_line import call
 from fusion.inspection.forecasts import Basis, StageForecast, forecast_lines, stage_forecasts
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
 from fusion.runtime.folders import Remembered
+from fusion.runtime.folders.remembered import Listing
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import run_stages
 from fusion.workspace import Workspace
@@ -119,20 +120,29 @@ def test_what_is_remembered_depends_on_files_outside_and_on_its_own_digest(tmp_p
     (folder / "a.txt").write_text("a")
     outside.write_text("1, 2")
     kept = Remembered(folder)
-    assert kept.find() is None
-    kept.keep(kept.files(), {"number": 3}, [outside])
-    assert kept.find() == {"number": 3}
+    assert kept.find(kept.listing()) is None
+    kept.keep(seen_later(kept), {"number": 3}, [outside])
+    assert kept.find(kept.listing()) == {"number": 3}
     outside.write_text("1, 2, 3")
-    assert kept.find() is None
-    kept.keep(kept.files(), {"number": 3}, [outside])
+    assert kept.find(kept.listing()) is None
+    kept.keep(seen_later(kept), {"number": 3}, [outside])
     (path,) = folder.glob("provenance/.info")
     path.write_text(path.read_text().replace('"number": 3', '"number": 4'))
-    assert kept.find() is None
+    assert kept.find(kept.listing()) is None
     # A file that changed while it was looked at is not taken for the one that was seen.
-    before = kept.files()
+    before = seen_later(kept)
     (folder / "a.txt").write_text("other")
     kept.keep(before, {"number": 5}, [])
-    assert kept.find() is None
+    assert kept.find(kept.listing()) is None
+    # Nor one that changed just before: a further change may not show.
+    kept.keep(kept.listing(), {"number": 6}, [])
+    assert kept.find(kept.listing()) is None
+
+
+def seen_later(kept: Remembered) -> Listing:
+    """Return the files as they are, as if they were listed three seconds later."""
+    now = kept.listing()
+    return now._replace(begun_ns=now.begun_ns + 3_000_000_000)
 
 
 def test_options_without_a_forecast_are_refused(workspace: Workspace) -> None:

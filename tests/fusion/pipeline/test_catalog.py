@@ -108,6 +108,20 @@ def test_a_file_edited_in_place_with_its_old_time_gets_a_new_digest(workspace: W
     catalog.close()
 
 
+def test_a_file_rewritten_within_one_tick_of_the_clock_gets_a_new_digest(
+    workspace: Workspace,
+) -> None:
+    path = workspace.root / "file"
+    catalog = Catalog(workspace)
+    for number in range(60):
+        path.write_bytes(f"{2 * number:04d}".encode())
+        catalog.digest(path)
+        text = f"{2 * number + 1:04d}".encode()
+        path.write_bytes(text)
+        assert catalog.digest(path) == hashlib.sha256(text).hexdigest()
+    catalog.close()
+
+
 def record_of(workspace: Workspace) -> StageRecord:
     digest = Catalog(workspace).digest(workspace.root / "spcola.toml")
     return StageRecord(
