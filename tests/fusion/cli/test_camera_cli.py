@@ -92,11 +92,13 @@ class Cruise:
             for pixel, line in spots:
                 down, across = (np.diff(0.5 * erf((edge - at) / 1.13)) for at in (line, pixel))
                 image += 900.0 * np.outer(down, across)
-            fits.PrimaryHDU(image.astype(np.float32)).writeto(self.folder / f"{name}.fits")
-        # The same field in other formats.
-        dn = np.clip(image, 0, 65535).round().astype(np.uint16)
-        Image.fromarray(dn).save(self.folder / "S5.png")
-        write_image_data(self.folder / "S4.DAT", dn)
+            dn = np.clip(image, 0, 65535).round().astype(np.uint16)
+            if name == "S4":
+                write_image_data(self.folder / "S4.DAT", dn)
+            elif name == "S5":
+                Image.fromarray(dn).save(self.folder / "S5.png")
+            else:
+                fits.PrimaryHDU(image.astype(np.float32)).writeto(self.folder / f"{name}.fits")
 
 
 @pytest.fixture
@@ -146,6 +148,7 @@ def test_from_images(cruise: Cruise) -> None:
     )  # fmt: skip
     content = json.loads(result.stdout)
     check(content, out)
+    assert content["left_out"] == {}
     identified = sum(frame["stars"] for frame in content["frames"])
     assert identified > 0.95 * sum(len(spots) for spots in cruise.spots.values())
 
