@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
 
@@ -13,18 +13,36 @@ from fusion.cli.options import NAIF_NUMBERS, JsonOption, WorkspaceArgument, each
 from fusion.cli.output import show
 
 if TYPE_CHECKING:
-    from fusion.stages.states import FoundStates, SourceOptions
+    from fusion.stages.states import FoundStates, NominalOptions, SourceOptions
     from fusion.workspace import Workspace
     from spcola.formats.states import Exposure
     from spcola.navigation.states import ImageState, StateDifference
     from spcola.spice.state_kernels import StateKernels
     from spcola.spice.states import SpiceCamera
 
+LetterOption = Annotated[
+    str,
+    typer.Option(
+        metavar="C",
+        help="Name the images by SPC's rule: this character, the time, the filter. By default the "
+        "name as stated, or that of the file, where it has up to 12 characters.",
+    ),
+]
+CameraOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="The camera: a camera file (spcola camera convert), or a .SUM file, whose "
+        "thresholds are used too. ISD and COLMAP have cameras of their own.",
+    ),
+]
+
 
 @dataclass(frozen=True)
 class BodyOptions:
     """Options that name spacecraft and body."""
 
+    panel: ClassVar[str] = "Spacecraft and body"
     spacecraft: Annotated[
         str,
         typer.Option(
@@ -43,6 +61,7 @@ class BodyOptions:
 class StateOptions:
     """Options that choose kernels and a camera in them."""
 
+    panel: ClassVar[str] = "States by SPICE kernels"
     frame: Annotated[
         str, typer.Option(metavar="FRAME", help="Frame of the camera in the kernels.")
     ] = ""
@@ -102,6 +121,7 @@ class StateOptions:
 class PoseOptions:
     """Options that name a table of poses."""
 
+    panel: ClassVar[str] = "States of a table"
     poses: Annotated[
         Path | None,
         typer.Option(
@@ -122,7 +142,7 @@ class PoseOptions:
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="PCK with the rotation for inertial columns; else that of [spin].",
+            help="PCK with the rotation for inertial columns and labels; else that of [spin].",
         ),
     ] = None
 
@@ -146,6 +166,54 @@ class PoseOptions:
         return columns
 
 
+@dataclass(frozen=True)
+class GivenStates:
+    """Options that name the sources of states which several commands read."""
+
+    kernels: StateOptions = StateOptions()
+    table: PoseOptions = PoseOptions()
+    names: BodyOptions = BodyOptions()
+
+    def states(self, workspace: Workspace, exposures: list[Exposure] | None) -> FoundStates:
+        """Return the states in the table, or of exposures by the kernels."""
+        if self.table.poses is not None:
+            return self.table.states(workspace, self.names)
+        return self.kernels.states(workspace, exposures, self.names)
+
+
+@dataclass(frozen=True)
+class NewSumOptions:
+    """Options of new .SUM files."""
+
+    panel: ClassVar[str] = "New .SUM files"
+    camera: CameraOption = None
+    letter: LetterOption = ""
+    sigma_m: Annotated[
+        float | None,
+        typer.Option(
+            "--sigma-m", metavar="M", min=1e-6, max=1e9, help="Sigma of V0; unknown if not given."
+        ),
+    ] = None
+    sigma_mrad: Annotated[
+        float | None,
+        typer.Option(
+            "--sigma-mrad",
+            metavar="MRAD",
+            min=1e-9,
+            max=1e4,
+            help="Sigma of the pointing, each axis.",
+        ),
+    ] = None
+
+    def nominal(self) -> NominalOptions:
+        """Return camera and sigmas."""
+        from fusion.stages.states import NominalOptions
+
+        assert self.camera is not None
+        pointing = None if self.sigma_mrad is None else 1e-3 * self.sigma_mrad
+        return NominalOptions(self.camera, self.sigma_m, pointing)
+
+
 def sumfiles(
     workspace: WorkspaceArgument,
     table: Annotated[
@@ -163,47 +231,14 @@ def sumfiles(
             help="Take name and time from the label of this image instead; repeat it.",
         ),
     ] = None,
-    letter: Annotated[
-        str,
-        typer.Option(
-            metavar="C",
-            help="Name the images by SPC's rule: this character, the time, the filter. If not "
-            "given, names are as stated, and have up to 12 characters.",
-        ),
-    ] = "",
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The camera: a camera file (spcola camera convert), or a .SUM file, whose "
-            "thresholds are used too.",
-        ),
-    ] = None,
     compare: Annotated[
         bool,
         typer.Option(
             "--compare", help="Write nothing: compare the kernels with the states in SUMFILES."
         ),
     ] = False,
-    sigma_m: Annotated[
-        float | None,
-        typer.Option(
-            "--sigma-m", metavar="M", min=1e-6, max=1e9, help="Sigma of V0; unknown if not given."
-        ),
-    ] = None,
-    sigma_mrad: Annotated[
-        float | None,
-        typer.Option(
-            "--sigma-mrad",
-            metavar="MRAD",
-            min=1e-9,
-            max=1e4,
-            help="Sigma of the pointing, each axis.",
-        ),
-    ] = None,
-    kernels: StateOptions = StateOptions(),
-    table_of_poses: PoseOptions = PoseOptions(),
-    names: BodyOptions = BodyOptions(),
+    made_with: NewSumOptions = NewSumOptions(),
+    sources: GivenStates = GivenStates(),
     as_json: JsonOption = False,
 ) -> None:
     """Write .SUM and .NOM files of images from SPICE kernels, or .SUM files from a table of poses.
@@ -213,36 +248,29 @@ def sumfiles(
     and radially, in degrees and pixels.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.stages.states import (
-        NominalOptions,
-        compare_with_solution,
-        make_sumfiles,
-    )
+    from fusion.stages.states import compare_with_solution, make_sumfiles
     from fusion.workspace import Workspace
     from spcola.formats.states import exposure_of, read_exposures
 
-    given = sum(source is not None for source in (table, image, table_of_poses.poses))
-    if given > 1 or (not compare and (given == 0 or camera is None)):
+    poses = sources.table.poses
+    given = sum(source is not None for source in (table, image, poses))
+    if given > 1 or (not compare and (given == 0 or made_with.camera is None)):
         raise typer.BadParameter(
             "give TABLE, --image or --poses, and --camera; or --compare", param_hint="TABLE"
         )
-    if table_of_poses.poses is None and not kernels.frame:
+    if poses is None and not sources.kernels.frame:
         raise typer.BadParameter("is needed with kernels", param_hint="--frame")
     there = Workspace.open(workspace)
-    if table_of_poses.poses is not None:
-        found = table_of_poses.states(there, names)
-    else:
-        exposures = None if table is None else read_exposures(table)
-        exposures = [exposure_of(path) for path in image] if image else exposures
-        found = kernels.states(there, exposures, names)
-    found = found.named(letter) if letter else found
-    if camera is None or compare:
+    exposures = None if table is None else read_exposures(table)
+    exposures = [exposure_of(path) for path in image] if image else exposures
+    found = sources.states(there, exposures)
+    found = found.named(made_with.letter) if made_with.letter else found
+    if compare:
         differences = compare_with_solution(there, found)
         compared = {"images": [one.as_json() for one in differences]}
         show(compared, _comparison_lines(differences), as_json=as_json)
         return
-    nominal = NominalOptions(camera, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
-    made = make_sumfiles(there, found, nominal)
+    made = make_sumfiles(there, found, made_with.nominal())
     originals = found.originals or [state.name for state in made]
     content = {
         "workspace": there.root,

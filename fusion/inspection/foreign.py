@@ -48,7 +48,11 @@ _SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
     (b"DASETF", "a SPICE DAS kernel (transfer text)", "make it binary with NAIF's tobin"),
     (b"%PDF", "a PDF document", _NONE),
     (b"\x7fELF", "a program", _NONE),
-    (b"LBLSIZE=", "a VICAR image", f"give its PDS label (.LBL) to spcola images; without one: {_CONVERT}"),
+    (
+        b"LBLSIZE=",
+        "a VICAR image",
+        f"give its PDS label (.LBL) to spcola images; without one: {_CONVERT}",
+    ),
     (b"PDS_VERSION_ID", "a PDS3 label (PVL)", _LABEL),
     (b"CCSD3ZF", "a PDS3 label (PVL)", _LABEL),
 )

@@ -119,7 +119,7 @@ def import_images(
             _record(workspace, one, facts.get(one.name), options, known.get(one.image.digest))
             for one in planned
         ]
-        _write_states(workspace, planned, records)
+        _write_states(workspace, planned, records, options.recipe)
         if planned:
             merged = {**catalogue, **{record.name: record for record in records}}
             write_catalogue(workspace, merged.values())
@@ -168,8 +168,8 @@ def _known(
             continue
         if record.recipe != recipe:
             raise WorkspaceError(
-                f"is there already as {record.name}, prepared with other --dark, --flat, --bits or "
-                "--orientation",
+                f"is there already as {record.name}, prepared with other --dark, --flat, "
+                "--smear-s, --bits, thresholds or --orientation",
                 image.path,
                 f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
             )
@@ -278,7 +278,7 @@ class _Bringing:
         work = PixelWork(one.image.path, self.options.size, target)
 
         def written(_digest: str, _recipe: str, _place: Path) -> PixelFacts:
-            return write_pixels(work, self.preparation, self.options.recipe.turn)
+            return write_pixels(work, self.preparation, self.options.recipe)
 
         facts = self.store.result(written, one.image.digest, self.options.recipe.digest, target)
         # The item outlives a file that was removed.
@@ -315,7 +315,10 @@ def _record(
 
 
 def _write_states(
-    workspace: Workspace, planned: Sequence[_Planned], records: Sequence[ImageRecord]
+    workspace: Workspace,
+    planned: Sequence[_Planned],
+    records: Sequence[ImageRecord],
+    recipe: Recipe,
 ) -> None:
     """Write .SUM and .NOM files of the images with a state."""
     images, nominal = [], []
@@ -323,7 +326,10 @@ def _write_states(
         if one.sighting is None:
             continue
         state = replace(one.sighting.state, name=one.name)
-        thresholds = one.sighting.thresholds or record.pixels.thresholds
+        thresholds = record.pixels.thresholds
+        # Those of the camera's .SUM file are used unless the user chose others.
+        if one.sighting.thresholds and not recipe.chooses_thresholds:
+            thresholds = one.sighting.thresholds
         images.append(state.as_image(one.sighting.camera, thresholds=thresholds))
         if one.sighting.rate is not None:
             nominal.append(state.as_nominal(one.sighting.rate))

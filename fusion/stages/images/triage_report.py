@@ -129,7 +129,7 @@ def _offset_words(triage: Triage) -> str:
 _WORDS: dict[Flag, str | Callable[[Triage], str]] = {
     Flag.EMPTY: "shows noise alone",
     Flag.OVEREXPOSED: "is overexposed",
-    Flag.SMEARED: "has smear along whole columns or lines",
+    Flag.SMEARED: "has smear along whole columns or lines; --smear-s removes a frame transfer's",
     Flag.MIRRORED: _turn_words,
     Flag.TURNED: _turn_words,
     Flag.OFFSET: _offset_words,
