@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -105,7 +106,7 @@ class Recipe:
     high: int | None = None
     bright_background: bool = False
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Equal for equal treatment: the content of the frames counts, not their names."""
         frames = ["" if p is None else file_digest(p) for p in (self.dark, self.flat)]
