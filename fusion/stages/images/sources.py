@@ -9,23 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.stages.images.label_states import display_notes, label_state, other_state_notes
 from fusion.stages.images.opened import OpenedImage
 from fusion.stages.states import SourceOptions, states_by_kernels, states_by_poses
+from fusion.stages.states.source import stated_spin
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
-from spcola.errors import FormatError, InvalidValueError, SpcolaError
+from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
 from spcola.formats.solution import read_summary
 from spcola.formats.states import (
     Exposure,
     read_colmap,
     read_isd_states,
-    read_isis_states,
     read_times,
 )
 from spcola.navigation import utc_from_et
-from spcola.navigation.states import ImageState, compare_states
+from spcola.navigation.states import ImageState
 from spcola.spice.states import SpiceCamera
 
 __all__ = ["StateChoice", "StateKind", "find_sightings", "stated_times"]
@@ -130,6 +131,7 @@ class _Candidate:
     rate: FloatArray | None = None
     camera: Camera | None = None
     camera_origin: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def find_sightings(
@@ -172,7 +174,7 @@ def find_sightings(
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
         found[image.digest] = Sighting(
             state, _as_owen(used), thresholds, str(candidate.origin), origin, candidate.rate,
-            (*notes, *_other_source(image, state, used, choice.kind)),
+            (*candidate.notes, *notes, *_label_notes(image, state, used, choice.kind)),
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
 
@@ -224,22 +226,13 @@ def _completed(
     )
 
 
-def _other_source(
+def _label_notes(
     image: OpenedImage, state: ImageState, camera: Camera, kind: StateKind
 ) -> tuple[str, ...]:
-    """Return how far the state in an ISIS cube's tables is from the one that is used."""
-    if kind is StateKind.LABEL or image.label["format"] != "isis":
-        return ()
-    try:
-        other = replace(_label_state(image), name=state.name)
-    except SpcolaError:
-        return ()
-    apart = compare_states(state, other, camera)
-    pointing = np.degrees(np.linalg.norm(apart.pointing))
-    return (
-        f"the tables in its label give another state: {np.linalg.norm(apart.camera_m):.4g} m, "
-        f"{pointing:.3g}°, {np.hypot(*apart.pixels):.3g} pixels at the boresight away",
-    )
+    """Return how far the state or the display of the label is from what is used."""
+    if kind is StateKind.LABEL:
+        return display_notes(image, camera)
+    return other_state_notes(image, state, camera)
 
 
 def _matched(
@@ -295,20 +288,13 @@ def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: Sta
 
 
 def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return the states in the tables of ISIS cubes."""
-    del workspace, choice
-    return {image.digest: _Candidate(_label_state(image), image.path) for image in images}, []
-
-
-def _label_state(image: OpenedImage) -> ImageState:
-    """Return the state in the tables of a cube."""
-    if image.label["format"] != "isis":
-        raise FormatError(
-            f"its label ({image.label['format'].upper()}) has no tables of the camera's state",
-            image.path,
-            "take --poses or --states spice",
-        )
-    return read_isis_states(image.path).state(image.path.stem, image.time)
+    """Return the states in the labels of ISIS cubes, PDS3 and PDS4."""
+    spin = stated_spin(workspace, choice.pck, choice.kernels.body)
+    found = {}
+    for image in images:
+        state, notes = label_state(image, spin)
+        found[image.digest] = _Candidate(state, image.path, notes=notes)
+    return found, []
 
 
 def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
