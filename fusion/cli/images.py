@@ -87,6 +87,7 @@ def _bring_in(
         "known": [record.name for record in done.known],
         "filtered": done.filtered,
         "remarks": list(done.remarks),
+        "doubts": [one.as_json() for one in done.doubts],
     }
     yield from _import_lines(workspace, done)
 
@@ -137,6 +138,8 @@ def _report_lines(found: TriageReport, remarks: list[str], page: Path) -> Iterat
         turns = ", ".join(f"{number} {turn}" for turn, number in found.found_orientation.items())
         right, down = found.offset_rms_px
         yield f"They fit the shape: {turns}; offsets {right:.1f} pixels, {down:.1f} lines rms"
+    for code, number in found.likely.items():
+        yield f"Likely wrong in the states of {number} of them [{code}]: see below"
     yield from _some([f"  {remark}" for remark in remarks])
     yield f"Page: {page}"
 
@@ -159,6 +162,7 @@ def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     )
     if done.filtered:
         yield f"  {done.filtered} of other filters were left out"
+    yield from (f"  {one.line}" for one in done.doubts)
     yield from _some([f"  {remark}" for remark in done.remarks])
     notes = [f"  {record.name}: {note}" for record in done.new for note in record.notes]
     yield from _some(notes)

@@ -13,6 +13,7 @@ from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import clear_leftovers, locked, make_folder
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
+from fusion.stages.images.doubts import StateDoubt, find_doubts
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
@@ -25,7 +26,7 @@ from spcola.errors import InvalidValueError, WorkspaceError
 __all__ = ["ImportOptions", "Imported", "import_images"]
 _LOCK = ".images.lock"
 ITEM_PLACE = Path(".items") / "images"
-ITEM_VERSION = f"{spcola.__version__} images 1"
+ITEM_VERSION = f"{spcola.__version__} images 2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +65,15 @@ class Imported:
         Images of other filters.
     remarks : tuple of str
         What does not fit together, one line each.
+    doubts : tuple of StateDoubt
+        New states that contradict the shape.
     """
 
     new: tuple[ImageRecord, ...]
     known: tuple[ImageRecord, ...]
     filtered: int
     remarks: tuple[str, ...]
+    doubts: tuple[StateDoubt, ...] = ()
 
 
 def import_images(
@@ -113,6 +117,8 @@ def import_images(
         found = find_sightings(workspace, images, options.states)
         known = _known(workspace, images, catalogue, options)
         planned = _plan(workspace, images, found.sightings, known, catalogue, options)
+        stated = {one.name: one.sighting for one in planned if one.sighting is not None}
+        doubts = find_doubts(workspace, stated)
         fresh = [one for one in planned if one.image.digest not in known]
         facts = _all_pixels(workspace, fresh, options, executor, progress)
         records = [
@@ -125,7 +131,8 @@ def import_images(
             write_catalogue(workspace, merged.values())
     new = [record for record in records if record.name not in catalogue]
     old = [record for digest, record in known.items()]
-    return Imported(tuple(new), tuple(old), len(opened) - len(images), found.remarks)
+    filtered = len(opened) - len(images)
+    return Imported(tuple(new), tuple(old), filtered, found.remarks, doubts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
-"""Whole frames against the shape: rendering, orientation, offset and silhouette."""
+"""Whole frames against the shape: rendering, orientation, offset, silhouette, wrong states."""
 
-from spcola.imagematching.frames.compare import FrameMatch, compare_frame, silhouette_overlap
+from spcola.imagematching.frames.compare import FrameMatch, compare_frame
+from spcola.imagematching.frames.mistakes import BodyOutline, Mistake, ViewProblem
 from spcola.imagematching.frames.rendered import (
     CenterView,
     RenderedFrame,
@@ -9,11 +10,13 @@ from spcola.imagematching.frames.rendered import (
 )
 
 __all__ = [
+    "BodyOutline",
     "CenterView",
     "FrameMatch",
+    "Mistake",
     "RenderedFrame",
+    "ViewProblem",
     "center_view",
     "compare_frame",
     "render_frame",
-    "silhouette_overlap",
 ]
