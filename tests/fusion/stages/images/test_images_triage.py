@@ -7,9 +7,10 @@ import pytest
 from astropy.io import fits
 
 from fusion.stages.images import Turn
+from fusion.workspace import new_workspace
 from spcola.formats.images import read_image_data
 
-from .box_mission import CAMERA, SIZE, call, content, files, fits_file, image_at, states
+from .box_mission import CAMERA, SIZE, call, content, files, fits_file, image_at, refusal, states
 
 
 def test_triage_finds_planted_orientations_and_flags(given, made, tmp_path):
@@ -81,3 +82,60 @@ def test_empty_overexposed_and_smeared_frames_are_flagged(given, made, tmp_path)
     scenes = {one["name"]: one["scene"] for one in found["images"]}
     assert scenes["noise"] == scenes["black"] == "no body"
     assert scenes["good"] == "limb"
+
+
+def wrong_table(given, folder, changed):
+    """The table of poses with rows changed: by number, what is done to V0, axes and Sun."""
+    head, *rows = [line.split(",") for line in (given / "poses.csv").read_text().splitlines()]
+    for number, change in changed.items():
+        values = np.array([float(word) for word in rows[number][2:]])
+        v0, axes, sun = change(values[:3], values[3:12].reshape(3, 3), values[12:])
+        rows[number][2:] = [repr(float(v)) for v in [*v0, *np.ravel(axes), *sun]]
+    path = folder / "wrong.csv"
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    return ["--poses", path, "--camera", given / "camera.toml"]
+
+
+def test_the_likely_mistake_in_each_state_is_named(given, made, tmp_path):
+    others = [image_at(number) for number in range(6)]
+    table = wrong_table(given, tmp_path, {
+        0: lambda v0, axes, sun: (-v0, axes, sun),
+        1: lambda v0, axes, sun: (v0, axes, -sun),
+        2: lambda v0, axes, sun: (v0, axes.T, sun),
+        3: lambda v0, axes, sun: (v0, np.diag([1, -1, -1]) @ axes, sun),
+        4: lambda *_: (others[5].scobj, others[5].axes, others[5].sun),
+        5: lambda *_: (others[4].scobj, others[4].axes, others[4].sun),
+    })  # fmt: skip
+    found = content("images", made.root, *files(given), *table, "--report")
+    away = next(one for one in found["doubts"] if one["code"] == "looks-away")
+    names = [one["name"] for one in found["new"]]
+    assert set(away["images"]) == {names[0], names[2], names[3]}
+    assert "[looks-away]" in away["text"]
+    likely = {one["name"]: one["likely"] for one in found["images"]}
+    codes = ["v0-reversed", "sun-reversed", "axes-transposed", "cy-cz-reversed"]
+    assert [likely[name]["code"] for name in names] == [*codes, "other-image", "other-image"]
+    assert [likely[name]["image"] for name in names[4:]] == [names[5], names[4]]
+    assert min(one["correlation"] for one in likely.values()) > 0.9
+    assert all("wrong state" in one["flags"] for one in found["images"])
+    assert found["likely"]["other-image"] == 2
+    assert len(found["doubtful"]) == 6
+
+
+def test_wrong_units_are_refused_or_named(given, made, tmp_path):
+    close = wrong_table(given, tmp_path, {1: lambda v0, axes, sun: (v0 / 1e3, axes, sun)})
+    line = refusal("images", made.root, *files(given), *close)
+    assert "wrong.csv: one image" in line
+    assert "inside the body [inside-body]; likely V0 is 1000 times too short" in line
+    assert not list(made.root.glob("IMAGEFILES/*"))
+    far = wrong_table(given, tmp_path, {1: lambda v0, axes, sun: (v0 * 1e3, axes, sun)})
+    found = content("images", made.root, *files(given, 1), *far, "--report")
+    (doubt,) = found["doubts"]
+    assert (doubt["code"], doubt["likely"]) == ("below-a-pixel", ["m-as-km"])
+    assert found["images"][0]["likely"]["code"] == "m-as-km"
+
+
+def test_a_camera_that_looks_away_is_named_without_a_shape_too(given, tmp_path):
+    bare = new_workspace(tmp_path / "bare", body="Box")
+    table = wrong_table(given, tmp_path, {1: lambda v0, axes, sun: (-v0, axes, sun)})
+    (doubt,) = content("images", bare.root, *files(given), *table)["doubts"]
+    assert (doubt["code"], len(doubt["images"])) == ("looks-away", 1)
