@@ -55,6 +55,8 @@ def test_orientation_and_offset_of_the_frames_of_67p(comet):
     assert len(found["new"]) == 70
     assert not found["remarks"]
     assert found["orientations"] == {"as-stored": 70}
+    assert not found["doubts"]
+    assert not found["likely"]
     fits = [one["fit"] for one in found["images"]]
     given = [fit["given"] for fit in fits]
     assert min(given) > 0.8
@@ -92,6 +94,7 @@ def test_mirrored_frames_of_67p_are_named(comet, shared_data, tmp_path):
         "--orientation", "mirrored-lines",
     )  # fmt: skip
     assert found["orientations"] == {"mirrored-lines": 10}
+    assert not found["likely"]
     assert all("--orientation mirrored-lines" in line for line in found["doubtful"])
 
 
