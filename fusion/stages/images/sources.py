@@ -64,7 +64,7 @@ class StateChoice:
     columns : mapping of str to str
         For names of columns, those in the table of poses.
     pck : Path, optional
-        With the rotation for poses along J2000.
+        With the rotation for poses and labels along J2000.
     kernels : SourceOptions
     frame : SpiceCamera, optional
         The camera in the kernels.
