@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import typer
 
 from fusion.cli.options import each_between
-from fusion.cli.states import CameraOption, GivenStates, LetterOption
+from fusion.cli.state_options import CameraOption, GivenStates, LetterOption
 
 if TYPE_CHECKING:
     from fusion.stages.images import Recipe, SmearTimes, StateChoice

@@ -15,13 +15,13 @@ from spcola.camera import SpcImage
 from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
 from spcola.imagematching.frames import (
-    BodyOutline,
     FrameMatch,
-    Mistake,
     RenderedFrame,
+    View,
     compare_frame,
     render_frame,
 )
+from spcola.imagematching.frames.mistakes import BodyOutline, Mistake
 from spcola.shape import RayCaster
 
 # Cells along the longer side of a frame, and the share of it that an image may be displaced.
@@ -56,7 +56,7 @@ def step_of(record: ImageRecord, cells: int) -> int:
 
 
 def match_frame(
-    record: ImageRecord, image: SpcImage, dn: AnyArray, rendered: RenderedFrame
+    record: ImageRecord, image: View, dn: AnyArray, rendered: RenderedFrame
 ) -> FrameMatch:
     """Compare pixels with a rendering."""
     reach = _REACH * max(record.size)

@@ -12,8 +12,9 @@ from fusion.stages.images.sources import Sighting
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError
-from spcola.imagematching.frames import BodyOutline, Mistake, ViewProblem
+from spcola.imagematching.frames.mistakes import BodyOutline, Mistake, ViewProblem
 
+_OF_THE_FRAME = (ViewProblem.AWAY, ViewProblem.NIGHT)
 # So many names are printed.
 _NAMED = 3
 
@@ -85,7 +86,9 @@ def find_doubts(workspace: Workspace, sightings: Mapping[str, Sighting]) -> tupl
     found: dict[ViewProblem, list[str]] = {}
     for name, image in images.items():
         problem = _behind(image) if outline is None else outline.problem(image)
-        if problem is not None:
+        # The frame of a line scan is not that of its middle line.
+        scanned = sightings[name].scan is not None
+        if problem is not None and not (scanned and problem in _OF_THE_FRAME):
             found.setdefault(problem, []).append(name)
     doubts = []
     for code, names in found.items():

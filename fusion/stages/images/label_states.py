@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fusion.stages.images.opened import OpenedImage
+from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.camera.detector import Direction, Orientation
 from spcola.errors import FormatError, SpcolaError
@@ -14,6 +15,7 @@ from spcola.formats.images import open_image
 from spcola.formats.states import read_isis_states, read_pds_state
 from spcola.navigation import Spin
 from spcola.navigation.states import ImageState, compare_states
+from spcola.spice.instruments import read_cube_camera, read_cube_lines
 
 _PDS = ("pds3", "pds4")
 # Directions along x (right) and y (down) of the display.
@@ -23,8 +25,27 @@ _WAYS = {
 }  # fmt: skip
 
 
-def label_state(image: OpenedImage, spin: Spin | None) -> tuple[ImageState, tuple[str, ...]]:
-    """Return the state in an image's label, and how it was read.
+@dataclass(frozen=True, eq=False)
+class FromLabel:
+    """What a label gives.
+
+    Parameters
+    ----------
+    state : ImageState
+        Of a line scan: that of its middle.
+    notes : tuple of str
+        How it was read.
+    lines : (ndarray, ndarray, ndarray), optional
+        Of a line scan: times, positions and axes of the lines.
+    """
+
+    state: ImageState
+    notes: tuple[str, ...] = ()
+    lines: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+
+def label_state(image: OpenedImage, spin: Spin | None) -> FromLabel:
+    """Return the state in an image's label.
 
     Parameters
     ----------
@@ -37,29 +58,38 @@ def label_state(image: OpenedImage, spin: Spin | None) -> tuple[ImageState, tupl
     FormatError
         If the label has no tables (ISIS cubes), not enough geometry (PDS3, PDS4), or no time.
     """
-    form = image.label["format"]
+    form, name = image.label["format"], image.path.stem
     if form == "isis":
-        return read_isis_states(image.path).state(image.path.stem, image.time), ()
+        tables = read_isis_states(image.path)
+        if not image.scanner:
+            return FromLabel(tables.state(name, image.time))
+        times = read_cube_lines(image.path)
+        middle = tables.state(name, float(times[len(times) // 2]))
+        return FromLabel(middle, (), (times, *tables.along(times)))
     if form not in _PDS:
         raise FormatError(
             f"its label ({form.upper()}) has no tables of the camera's state",
             image.path,
             "take --poses or --states spice",
         )
-    if image.time is None:
-        raise FormatError(
-            "the label does not state when it was exposed", image.path, "take --poses"
-        )
-    found = read_pds_state(open_image(image.path), image.path.stem, image.time, spin)
-    return found.state, found.notes
+    if image.time is None or image.scanner:
+        lacks = "when it was exposed" if image.time is None else "one state for each line"
+        raise FormatError(f"the label does not state {lacks}", image.path, "take --poses")
+    found = read_pds_state(open_image(image.path), name, image.time, spin)
+    return FromLabel(found.state, found.notes)
+
+
+def label_camera(image: OpenedImage) -> Camera | None:
+    """Return the camera of an ISIS cube; None if it is not known."""
+    return read_cube_camera(image.path) if image.label["format"] == "isis" else None
 
 
 def other_state_notes(image: OpenedImage, state: ImageState, camera: Camera) -> tuple[str, ...]:
     """Return how far the state in an ISIS cube's tables is from the one that is used."""
-    if image.label["format"] != "isis":
+    if image.label["format"] != "isis" or image.scanner:
         return ()
     try:
-        other = replace(label_state(image, None)[0], name=state.name)
+        other = replace(label_state(image, None).state, name=state.name)
     except SpcolaError:
         return ()
     apart = compare_states(state, other, camera)

@@ -9,13 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.stages.images.label_states import display_notes, label_state, other_state_notes
+from fusion.stages.images.label_states import (
+    display_notes,
+    label_camera,
+    label_state,
+    other_state_notes,
+)
 from fusion.stages.images.opened import OpenedImage
 from fusion.stages.states import SourceOptions, states_by_kernels, states_by_poses
 from fusion.stages.states.source import stated_spin
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
+from spcola.camera.linescan import LineScan
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
 from spcola.formats.solution import read_summary
@@ -103,6 +109,8 @@ class Sighting:
         Angular velocity of the body, body-fixed, rad/s: with it there is a .NOM file.
     notes : tuple of str
         What other sources give.
+    scan : LineScan, optional
+        States of all lines of a line-scan image; `state` is that of its middle.
     """
 
     state: ImageState
@@ -112,6 +120,12 @@ class Sighting:
     camera_origin: str
     rate: FloatArray | None = None
     notes: tuple[str, ...] = ()
+    scan: LineScan | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Samples and lines of an image of the camera."""
+        return self.camera.width, self.camera.height if self.scan is None else self.scan.height
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +138,14 @@ class FoundSightings:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A state with what else its source gives."""
+    """A state with what else its source gives; of lines: times, positions and axes."""
 
     state: ImageState
     origin: Path
     rate: FloatArray | None = None
     camera: Camera | None = None
     camera_origin: str = ""
+    lines: tuple[FloatArray, FloatArray, FloatArray] | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -148,11 +163,11 @@ def find_sightings(
     if choice.kind is StateKind.NONE:
         return FoundSightings({}, ())
     for image in images:
-        if image.scanner:
+        if image.scanner and choice.kind not in (StateKind.LABEL, StateKind.ISD):
             raise InvalidValueError(
-                "is of a line scanner: a .SUM file has one state, not one for each line",
+                f"is of a line scanner: {_named(choice)} has one state, not one for each line",
                 image.path,
-                "import its pixels without --states",
+                "take --states label or isd, or import its pixels without --states",
             )
     candidates, remarks = _FINDERS[choice.kind](workspace, images, choice)
     camera, thresholds = (None, None) if choice.camera is None else _camera(choice.camera)
@@ -172,9 +187,10 @@ def find_sightings(
                 f"has a state ({choice.kind}) and no camera", image.path, "give --camera FILE"
             )
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
+        scan = None if candidate.lines is None else LineScan(used, *candidate.lines)
         found[image.digest] = Sighting(
-            state, _as_owen(used), thresholds, str(candidate.origin), origin, candidate.rate,
-            (*candidate.notes, *notes, *_label_notes(image, state, used, choice.kind)),
+            state, used, thresholds, str(candidate.origin), origin, candidate.rate,
+            (*candidate.notes, *notes, *_label_notes(image, state, used, choice.kind)), scan,
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
 
@@ -218,7 +234,8 @@ def _completed(
         raise InvalidValueError(
             "the direction to the Sun is unknown", image.path, "give --times TABLE with sunx …"
         )
-    if image.time is None or abs(image.time - state.time) <= _SAME_TIME_S:
+    # The label of a cut line scan still has the time of the whole one.
+    if image.time is None or image.scanner or abs(image.time - state.time) <= _SAME_TIME_S:
         return state, ()
     return state, (
         f"the label gives {utc_from_et(image.time, 3)} for the middle of the exposure, its state "
@@ -288,12 +305,15 @@ def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: Sta
 
 
 def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return the states in the labels of ISIS cubes, PDS3 and PDS4."""
+    """Return the states in the labels of ISIS cubes, PDS3 and PDS4, and the cameras known."""
     spin = stated_spin(workspace, choice.pck, choice.kernels.body)
     found = {}
     for image in images:
-        state, notes = label_state(image, spin)
-        found[image.digest] = _Candidate(state, image.path, notes=notes)
+        label = label_state(image, spin)
+        camera = None if choice.camera is not None else label_camera(image)
+        found[image.digest] = _Candidate(
+            label.state, image.path, None, camera, str(image.path), label.lines, label.notes
+        )
     return found, []
 
 
@@ -308,11 +328,11 @@ def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateCh
         if path is None:
             continue
         sensor = read_isd(path)
-        if len(sensor.times) > 1:
-            raise InvalidValueError("is of a line scanner", path, "leave its image out")
-        state = read_isd_states(path).state(image.path.stem, float(sensor.times[0]))
-        state = replace(state, scobj=-sensor.positions[0], axes=sensor.axes[0])
-        found[image.digest] = _Candidate(state, path, None, sensor.camera, str(path))
+        middle = len(sensor.times) // 2
+        state = read_isd_states(path).state(image.path.stem, float(sensor.times[middle]))
+        state = replace(state, scobj=-sensor.positions[middle], axes=sensor.axes[middle])
+        lines = (sensor.times, sensor.positions, sensor.axes) if middle else None
+        found[image.digest] = _Candidate(state, path, None, sensor.camera, str(path), lines)
     return found, []
 
 
@@ -349,13 +369,6 @@ def _camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
         raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
     (instrument,) = cameras.values()
     return instrument.camera, None
-
-
-def _as_owen(camera: Camera) -> Camera:
-    """Return a camera without distortion in Owen's form, the one of .SUM files."""
-    if camera.distortion.any():
-        return camera
-    return replace(camera, distortion_model="owen", distortion=np.zeros(4))
 
 
 def _named(choice: StateChoice) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -32,16 +33,18 @@ from fusion.stages.images.triage_report import (
 )
 from fusion.stages.images.turns import Turn
 from fusion.workspace import Workspace
+from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.errors import WorkspaceError
 from spcola.imagematching.frames import (
-    BodyOutline,
     FrameMatch,
     RenderedFrame,
-    ViewProblem,
+    View,
     center_view,
+    footprint,
     render_frame,
 )
+from spcola.imagematching.frames.mistakes import BodyOutline, ViewProblem
 from spcola.navigation import et_from_utc
 from spcola.shape import RayCaster
 
@@ -123,10 +126,11 @@ def _exchanged_states(
     For each image that does not fit its state, the states of those next to it in time are tried,
     among all and among those that do not fit theirs.
     """
-    doubtful = {one.name for one in found if one.likely is None and _is_doubtful(one)}
+    stated = [one.name for one in found if workspace.image_path(one.name).is_file()]
+    unexplained = {one.name for one in found if one.likely is None and _is_doubtful(one)}
+    doubtful = unexplained & set(stated)
     if not doubtful:
         return list(found)
-    stated = [one.name for one in found if Flag.NO_STATE not in one.flags]
     images = {name: workspace.image(name) for name in stated}
     times = {name: et_from_utc(image.utc) for name, image in images.items()}
     among = [near(names, times) for names in (stated, doubtful)]
@@ -174,19 +178,27 @@ class _Work:
     def timed(self, record: ImageRecord) -> tuple[float, Triage]:
         """Return seconds and result."""
         begun = time.perf_counter()
-        path = self.workspace.image_path(record.name)
-        state = file_digest(path) if path.is_file() else ""
-        image = self.workspace.image(record.name) if state else None
+        path, scan = (
+            self.workspace.image_path(record.name), self.workspace.line_scan_path(record.name)
+        )  # fmt: skip
+        image: View | None = None
+        camera, state = None, ""
+        if path.is_file():
+            image = self.workspace.image(record.name)
+            # Bytes of a .SUM file that another program wrote need not name the exact camera.
+            camera, state = image.camera, file_digest(path)
+        elif scan.is_file():
+            image, state = self.workspace.line_scan(record.name), file_digest(scan)
 
-        def triage(_record: ImageRecord, _state: str, _shape: str) -> Triage:
+        def triage(*_inputs: Any) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
-        result = self.store.result(triage, record, state, self.shape)
+        result = self.store.result(triage, record, state, camera, self.shape)
         return time.perf_counter() - begun, result
 
 
 def _triage(
-    record: ImageRecord, image: SpcImage | None, caster: RayCaster | None, workspace: Workspace
+    record: ImageRecord, image: View | None, caster: RayCaster | None, workspace: Workspace
 ) -> Triage:
     """Look at one image."""
     flags = _pixel_flags(record)
@@ -196,12 +208,14 @@ def _triage(
         nan = np.nan
         return Triage(
             record.name, record.original, record.size, scene, share, record.pixels.lit,
-            nan, nan, nan, nan, None, tuple(flags),
+            nan, nan, nan, nan, None, (), tuple(flags),
         )  # fmt: skip
     view = center_view(caster, image)
+    corners: tuple[tuple[float, float], ...] = ()
     if caster is not None:
         rendered = render_frame(caster, image, step=step_of(record, COARSE))
         share = float(rendered.body.mean())
+        corners = _longitudes_latitudes(footprint(caster, image))
         flags += _view_flags(record, image, caster, share)
         if Flag.EMPTY not in flags:
             scene = _scene(share)
@@ -211,23 +225,29 @@ def _triage(
     phase, emission = np.degrees([view.phase, view.emission])
     found = Triage(
         record.name, record.original, record.size, scene, share, record.pixels.lit, view.range_m,
-        view.resolution_m, float(phase), float(emission), fit, tuple(flags),
+        view.resolution_m, float(phase), float(emission), fit, corners, tuple(flags),
     )  # fmt: skip
-    if caster is None or not _is_doubtful(found):
+    if caster is None or not isinstance(image, SpcImage) or not _is_doubtful(found):
         return found
     given = 0.0 if fit is None else fit.correlation
     return _explained(found, CauseSearch(workspace, caster).mistake(record, image, given))
 
 
-def _view_flags(
-    record: ImageRecord, image: SpcImage, caster: RayCaster, share: float
-) -> list[Flag]:
+def _view_flags(record: ImageRecord, image: View, caster: RayCaster, share: float) -> list[Flag]:
     """Return what contradicts the shape at the state, and a body where the state has none."""
-    problem = BodyOutline.of_mesh(caster.mesh).problem(image)
-    if problem is not None:
-        return [_PROBLEMS[problem]]
+    if isinstance(image, SpcImage):
+        problem = BodyOutline.of_mesh(caster.mesh).problem(image)
+        if problem is not None:
+            return [_PROBLEMS[problem]]
     shows = record.pixels.lit >= _FEWEST_LIT and record.pixels.likeness >= _NOISE
     return [Flag.AWAY] if share < _LEAST_BODY and shows else []
+
+
+def _longitudes_latitudes(points: FloatArray) -> tuple[tuple[float, float], ...]:
+    """Return east longitudes 0 … 360 and latitudes, degrees, of points (N, 3)."""
+    longitude = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 360.0
+    latitude = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    return tuple((float(x), float(y)) for x, y in zip(longitude, latitude, strict=True))
 
 
 def _pixel_flags(record: ImageRecord) -> list[Flag]:
@@ -260,7 +280,7 @@ def _scene(share: float) -> Scene:
 
 def _fit(
     record: ImageRecord,
-    image: SpcImage,
+    image: View,
     caster: RayCaster,
     coarse: RenderedFrame,
     workspace: Workspace,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.stages.images.turns import Turn
-from spcola.imagematching.frames import Mistake, ViewProblem
+from spcola.imagematching.frames.mistakes import Mistake, ViewProblem
 
 __all__ = ["Fit", "Flag", "Likely", "Scene", "Triage", "TriageReport"]
 
@@ -109,11 +109,15 @@ class Triage:
     lit_share : float
         Share of pixels of lit ground.
     range_m, resolution_m : float
-        At the frame's centre; NaN without a state.
+        At the frame's centre; NaN without a state. Of a line scan the resolution is that along the
+        detector's line.
     phase_deg, emission_deg : float
         At the frame's centre; NaN where unknown.
     fit : Fit, optional
         Where there are state and shape, and the body is in the frame.
+    corners_deg : tuple of pair
+        East longitude and latitude of the frame's corners on the shape, from the upper left one on
+        with the clock; NaN off the body, empty without a state or a shape.
     flags : tuple of Flag
     likely : Likely, optional
         Where another state explains the picture.
@@ -130,6 +134,7 @@ class Triage:
     phase_deg: float
     emission_deg: float
     fit: Fit | None
+    corners_deg: tuple[tuple[float, float], ...]
     flags: tuple[Flag, ...]
     likely: Likely | None = None
 

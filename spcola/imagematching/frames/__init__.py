@@ -1,22 +1,22 @@
-"""Whole frames against the shape: rendering, orientation, offset, silhouette, wrong states."""
+"""Whole frames against the shape: rendering, orientation, offset, silhouette."""
 
 from spcola.imagematching.frames.compare import FrameMatch, compare_frame
-from spcola.imagematching.frames.mistakes import BodyOutline, Mistake, ViewProblem
 from spcola.imagematching.frames.rendered import (
     CenterView,
     RenderedFrame,
+    View,
     center_view,
+    footprint,
     render_frame,
 )
 
 __all__ = [
-    "BodyOutline",
     "CenterView",
     "FrameMatch",
-    "Mistake",
     "RenderedFrame",
-    "ViewProblem",
+    "View",
     "center_view",
     "compare_frame",
+    "footprint",
     "render_frame",
 ]

@@ -11,6 +11,8 @@ from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.shape import Mesh
 
+__all__ = ["BodyOutline", "Mistake", "ViewProblem"]
+
 # So many facets stand for the body.
 _FACETS = 4096
 # Inside by this share of the radius in the spacecraft's direction: shapes err by less.
@@ -54,7 +56,12 @@ class Mistake(StrEnum):
         return _WORDS[self]
 
     def mended(self, image: SpcImage) -> SpcImage:
-        """Return an image with the state that it would have without this mistake."""
+        """Return an image with the state that it would have without this mistake.
+
+        Parameters
+        ----------
+        image : SpcImage
+        """
         factor = {Mistake.KM_AS_M: 1e3, Mistake.M_AS_KM: 1e-3, Mistake.V0_REVERSED: -1.0}.get(self)
         if factor is not None:
             return replace(image, scobj=factor * image.scobj)
@@ -98,7 +105,12 @@ class BodyOutline:
 
     @classmethod
     def of_mesh(cls, mesh: Mesh) -> BodyOutline:
-        """Return the outline of a shape."""
+        """Return the outline of a shape.
+
+        Parameters
+        ----------
+        mesh : Mesh
+        """
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         center = (low + high) / 2.0
         radius = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
@@ -108,7 +120,12 @@ class BodyOutline:
         return cls(center, radius, corners.mean(axis=1), normals)
 
     def problem(self, image: SpcImage) -> ViewProblem | None:
-        """Return what contradicts the body at the state of an image; None if nothing does."""
+        """Return what contradicts the body at the state of an image; None if nothing does.
+
+        Parameters
+        ----------
+        image : SpcImage
+        """
         place = image.position
         toward = self.points / np.linalg.norm(self.points, axis=1, keepdims=True)
         below = int(np.argmax(toward @ place))
@@ -128,7 +145,12 @@ class BodyOutline:
         return ViewProblem.NIGHT if seen.any() and not (seen & lit).any() else None
 
     def mistakes(self, image: SpcImage) -> tuple[Mistake, ...]:
-        """Return the mistakes without which nothing would contradict the body."""
+        """Return the mistakes without which nothing would contradict the body.
+
+        Parameters
+        ----------
+        image : SpcImage
+        """
         return tuple(one for one in Mistake if self.problem(one.mended(image)) is None)
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spcola.camera import Camera, SpcImage
-from spcola.imagematching.frames import BodyOutline, Mistake, ViewProblem
+from spcola.imagematching.frames.mistakes import BodyOutline, Mistake, ViewProblem
 from spcola.shape import Mesh
 
 RADIUS = 100.0
