@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import typer
 
-from fusion.cli.options import NAIF_NUMBERS, each_between
+from fusion.cli.options import NAIF_NUMBERS, each_between, named_columns
 
 if TYPE_CHECKING:
     from fusion.stages.states import FoundStates, NominalOptions, SourceOptions
@@ -153,13 +153,7 @@ class PoseOptions:
 
     def renamed(self) -> dict[str, str]:
         """Return the names of columns by what they are called in the table."""
-        columns = {}
-        for text in self.columns or ():
-            name, sign, column = text.partition("=")
-            if not (name and sign and column):
-                raise typer.BadParameter(f"{text!r} is not NAME=COLUMN", param_hint="--columns")
-            columns[name.strip()] = column.strip()
-        return columns
+        return named_columns(self.columns or (), "NAME=COLUMN")
 
 
 @dataclass(frozen=True)
