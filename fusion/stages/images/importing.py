@@ -14,6 +14,7 @@ from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import clear_leftovers, locked, make_folder
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
+from fusion.stages.images.doubts import StateDoubt, find_doubts
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
@@ -68,12 +69,15 @@ class Imported:
         Images of other filters.
     remarks : tuple of str
         What does not fit together, one line each.
+    doubts : tuple of StateDoubt
+        New states that contradict the shape.
     """
 
     new: tuple[ImageRecord, ...]
     known: tuple[ImageRecord, ...]
     filtered: int
     remarks: tuple[str, ...]
+    doubts: tuple[StateDoubt, ...] = ()
 
 
 def import_images(
@@ -117,19 +121,22 @@ def import_images(
         found = find_sightings(workspace, images, options.states)
         known = _known(workspace, images, catalogue, options)
         planned = _plan(workspace, images, found.sightings, known, catalogue, options)
+        stated = {one.name: one.sighting for one in planned if one.sighting is not None}
+        doubts = find_doubts(workspace, stated)
         fresh = [one for one in planned if one.image.digest not in known]
         facts = _all_pixels(workspace, fresh, options, executor, progress)
         records = [
             _record(workspace, one, facts.get(one.name), options, known.get(one.image.digest))
             for one in planned
         ]
-        _write_states(workspace, planned, records)
+        _write_states(workspace, planned, records, options.recipe)
         if planned:
             merged = {**catalogue, **{record.name: record for record in records}}
             write_catalogue(workspace, merged.values())
     new = [record for record in records if record.name not in catalogue]
     old = [record for digest, record in known.items()]
-    return Imported(tuple(new), tuple(old), len(opened) - len(images), found.remarks)
+    filtered = len(opened) - len(images)
+    return Imported(tuple(new), tuple(old), filtered, found.remarks, doubts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +179,8 @@ def _known(
             continue
         if record.recipe != recipe:
             raise WorkspaceError(
-                f"is there already as {record.name}, prepared with other --dark, --flat, --bits or "
-                "--orientation",
+                f"is there already as {record.name}, prepared with other --dark, --flat, "
+                "--smear-s, --bits, thresholds or --orientation",
                 image.path,
                 f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
             )
@@ -290,7 +297,7 @@ class _Bringing:
         work = PixelWork(one.image.path, self.options.size, target)
 
         def written(_digest: str, _recipe: str, _place: Path) -> PixelFacts:
-            return write_pixels(work, self.preparation, self.options.recipe.turn)
+            return write_pixels(work, self.preparation, self.options.recipe)
 
         facts = self.store.result(written, one.image.digest, self.options.recipe.digest, target)
         # The item outlives a file that was removed.
@@ -331,7 +338,10 @@ def _record(
 
 
 def _write_states(
-    workspace: Workspace, planned: Sequence[_Planned], records: Sequence[ImageRecord]
+    workspace: Workspace,
+    planned: Sequence[_Planned],
+    records: Sequence[ImageRecord],
+    recipe: Recipe,
 ) -> None:
     """Write .SUM and .NOM files of the images with a state, and files of line scans."""
     images, nominal, scans = [], [], []
@@ -339,7 +349,10 @@ def _write_states(
         if one.sighting is None:
             continue
         state = replace(one.sighting.state, name=one.name)
-        thresholds = one.sighting.thresholds or record.pixels.thresholds
+        thresholds = record.pixels.thresholds
+        # Those of the camera's .SUM file are used unless the user chose others.
+        if one.sighting.thresholds and not recipe.chooses_thresholds:
+            thresholds = one.sighting.thresholds
         if one.sighting.scan is not None:
             scans.append(LineScanImage(one.name, one.sighting.scan, state.sun, thresholds))
             continue

@@ -9,25 +9,30 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.stages.images.label_states import (
+    display_notes,
+    label_camera,
+    label_state,
+    other_state_notes,
+)
 from fusion.stages.images.opened import OpenedImage
 from fusion.stages.states import SourceOptions, states_by_kernels, states_by_poses
+from fusion.stages.states.source import stated_spin
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.camera.linescan import LineScan
-from spcola.errors import FormatError, InvalidValueError, SpcolaError
+from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.cameras import read_colmap_cameras, read_isd
 from spcola.formats.solution.any_camera import read_camera
 from spcola.formats.states import (
     Exposure,
     read_colmap,
     read_isd_states,
-    read_isis_states,
     read_times,
 )
 from spcola.navigation import utc_from_et
-from spcola.navigation.states import ImageState, compare_states
-from spcola.spice.instruments import read_cube_camera, read_cube_lines
+from spcola.navigation.states import ImageState
 from spcola.spice.states import SpiceCamera
 
 __all__ = ["StateChoice", "StateKind", "find_sightings", "stated_times"]
@@ -65,7 +70,7 @@ class StateChoice:
     columns : mapping of str to str
         For names of columns, those in the table of poses.
     pck : Path, optional
-        With the rotation for poses along J2000.
+        With the rotation for poses and labels along J2000.
     kernels : SourceOptions
     frame : SpiceCamera, optional
         The camera in the kernels.
@@ -141,6 +146,7 @@ class _Candidate:
     camera: Camera | None = None
     camera_origin: str = ""
     lines: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def find_sightings(
@@ -181,11 +187,10 @@ def find_sightings(
                 f"has a state ({choice.kind}) and no camera", image.path, "give --camera FILE"
             )
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
-        other = _other_source(image, state, used, choice.kind)
         scan = None if candidate.lines is None else LineScan(used, *candidate.lines)
         found[image.digest] = Sighting(
             state, used, thresholds, str(candidate.origin), origin, candidate.rate,
-            (*notes, *other), scan,
+            (*candidate.notes, *notes, *_label_notes(image, state, used, choice.kind)), scan,
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
 
@@ -238,22 +243,13 @@ def _completed(
     )
 
 
-def _other_source(
+def _label_notes(
     image: OpenedImage, state: ImageState, camera: Camera, kind: StateKind
 ) -> tuple[str, ...]:
-    """Return how far the state in an ISIS cube's tables is from the one that is used."""
-    if kind is StateKind.LABEL or image.label["format"] != "isis" or image.scanner:
-        return ()
-    try:
-        other = replace(_label_state(image, image.time), name=state.name)
-    except SpcolaError:
-        return ()
-    apart = compare_states(state, other, camera)
-    pointing = np.degrees(np.linalg.norm(apart.pointing))
-    return (
-        f"the tables in its label give another state: {np.linalg.norm(apart.camera_m):.4g} m, "
-        f"{pointing:.3g}°, {np.hypot(*apart.pixels):.3g} pixels at the boresight away",
-    )
+    """Return how far the state or the display of the label is from what is used."""
+    if kind is StateKind.LABEL:
+        return display_notes(image, camera)
+    return other_state_notes(image, state, camera)
 
 
 def _matched(
@@ -309,30 +305,16 @@ def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: Sta
 
 
 def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return the states in the tables of ISIS cubes, and the cameras that are known."""
-    del workspace
+    """Return the states in the labels of ISIS cubes, PDS3 and PDS4, and the cameras known."""
+    spin = stated_spin(workspace, choice.pck, choice.kernels.body)
     found = {}
     for image in images:
-        camera = None if choice.camera is not None else read_cube_camera(image.path)
-        time, lines = image.time, None
-        if image.scanner and image.label["format"] == "isis":
-            times = read_cube_lines(image.path)
-            lines = (times, *read_isis_states(image.path).along(times))
-            time = float(times[len(times) // 2])
-        state = _label_state(image, time)
-        found[image.digest] = _Candidate(state, image.path, None, camera, str(image.path), lines)
-    return found, []
-
-
-def _label_state(image: OpenedImage, time: float | None) -> ImageState:
-    """Return the state in the tables of a cube at a time, or in their middle."""
-    if image.label["format"] != "isis":
-        raise FormatError(
-            f"its label ({image.label['format'].upper()}) has no tables of the camera's state",
-            image.path,
-            "take --poses or --states spice",
+        label = label_state(image, spin)
+        camera = None if choice.camera is not None else label_camera(image)
+        found[image.digest] = _Candidate(
+            label.state, image.path, None, camera, str(image.path), label.lines, label.notes
         )
-    return read_isis_states(image.path).state(image.path.stem, time)
+    return found, []
 
 
 def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:

@@ -15,8 +15,8 @@ from fusion.runtime.folders import clear_abandoned_folders, make_folder
 from fusion.stages.states.source import (
     SourceOptions,
     SpiceSource,
-    solution_spin,
     spice_source,
+    stated_spin,
 )
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
@@ -188,11 +188,7 @@ def states_by_poses(
     KernelError
         If the PCK does not state the rotation.
     """
-    settings = workspace.settings()
-    spin = None
-    if pck is not None or settings.spin.rate_deg_per_day != 0.0:
-        chosen = SourceOptions(body=body or settings.spice.body)
-        spin = solution_spin(workspace, settings, chosen, pck)
+    spin = stated_spin(workspace, pck, body)
     return FoundStates(tuple(read_poses(path, columns=columns, spin=spin)))
 
 

@@ -151,9 +151,17 @@ def _attitude(row: Row) -> _Vector:
         turned = Rotation.from_quat(quaternion.values[[1, 2, 3, 0]]).as_matrix()
         return _Vector(turned, quaternion.inertial)
     assert angles is not None
-    ra, dec, twist = angles
-    frame = Rotation.from_euler("ZXZ", [90.0 + ra, 90.0 - dec, twist], degrees=True)
-    return _Vector(frame.as_matrix().T, True)
+    return _Vector(axes_of_pointing(*angles), True)
+
+
+def axes_of_pointing(ra_deg: float, dec_deg: float, twist_deg: float) -> FloatArray:
+    """Return the rows Cx, Cy, Cz (3, 3) along J2000 of a boresight and a twist, degrees.
+
+    The twist runs from the east to Cx, towards the north.
+    """
+    turns = [90.0 + ra_deg, 90.0 - dec_deg, twist_deg]
+    axes: FloatArray = Rotation.from_euler("ZXZ", turns, degrees=True).as_matrix().T
+    return axes
 
 
 def _sun(row: Row) -> _Vector | None:

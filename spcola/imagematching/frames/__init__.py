@@ -1,6 +1,6 @@
-"""Whole frames against the shape: rendering, orientation, offset and silhouette."""
+"""Whole frames against the shape: rendering, orientation, offset, silhouette."""
 
-from spcola.imagematching.frames.compare import FrameMatch, compare_frame, silhouette_overlap
+from spcola.imagematching.frames.compare import FrameMatch, compare_frame
 from spcola.imagematching.frames.rendered import (
     CenterView,
     RenderedFrame,
@@ -19,5 +19,4 @@ __all__ = [
     "compare_frame",
     "footprint",
     "render_frame",
-    "silhouette_overlap",
 ]

@@ -213,6 +213,7 @@ def test_a_failure_while_one_is_made_leaves_none(workspace: Workspace) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
+from typing import Any
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.workspace import Workspace
 with making_solution(Workspace.open(sys.argv[1]), "one", MadeBy("a test", {}, {}, {})) as folder:

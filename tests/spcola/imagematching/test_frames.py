@@ -12,9 +12,8 @@ from spcola.imagematching.frames import (
     center_view,
     compare_frame,
     render_frame,
-    silhouette_overlap,
 )
-from spcola.imagematching.frames.compare import _correlations
+from spcola.imagematching.frames.compare import _correlations, silhouette_overlap
 from spcola.shape import Mesh, RayCaster
 
 SUN = np.array([0.6, -0.64, 0.48])

@@ -69,6 +69,8 @@ def test_orientation_and_offset_of_the_frames_of_67p(comet):
     assert len(found["new"]) == 70
     assert not found["remarks"]
     assert found["orientations"] == {"as-stored": 70}
+    assert not found["doubts"]
+    assert not found["likely"]
     fits = [one["fit"] for one in found["images"]]
     given = [fit["given"] for fit in fits]
     assert min(given) > 0.8
@@ -106,7 +108,41 @@ def test_mirrored_frames_of_67p_are_named(comet, shared_data, tmp_path):
         "--orientation", "mirrored-lines",
     )  # fmt: skip
     assert found["orientations"] == {"mirrored-lines": 10}
+    assert not found["likely"]
     assert all("--orientation mirrored-lines" in line for line in found["doubtful"])
+
+
+def test_mistakes_in_poses_of_67p_are_named(shared_data, tmp_path):
+    folder = shared_data / "rosetta_67p" / "navcam"
+    head, *rows = [row.split(",") for row in (folder / "poses.csv").read_text().splitlines()]
+    rows = rows[::10]
+
+    def changed(row, first, matrix):
+        size = len(matrix)
+        values = np.array([float(word) for word in row[first : first + size]])
+        row[first : first + size] = [repr(float(v)) for v in matrix @ values]
+
+    changed(rows[0], 2, -np.eye(3))
+    changed(rows[1], 14, -np.eye(3))
+    changed(rows[2], 5, np.eye(9)[[0, 3, 6, 1, 4, 7, 2, 5, 8]])
+    changed(rows[3], 5, np.diag([1, 1, 1, -1, -1, -1, -1, -1, -1]))
+    rows[4][1:], rows[6][1:] = rows[6][1:], rows[4][1:]
+    table = tmp_path / "poses.csv"
+    table.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    (tmp_path / "navcam.toml").write_text(NAVCAM)
+    made = new_workspace(tmp_path / "ws", body="67P", shape=folder / "67p-4k.obj")
+    found = content(
+        "images", made.root, *(folder / "images" / f"{row[0]}.png" for row in rows), "--poses",
+        table, "--camera", tmp_path / "navcam.toml", "--report",
+    )  # fmt: skip
+    likely = {one["original"]: one["likely"] for one in found["images"]}
+    codes = [likely[f"{row[0]}.png"] and likely[f"{row[0]}.png"]["code"] for row in rows]
+    assert codes == [
+        "v0-reversed", "sun-reversed", "axes-transposed", "cy-cz-reversed", "other-image", None,
+        "other-image",
+    ]  # fmt: skip
+    assert {one["code"] for one in found["doubts"]} == {"looks-away"}
+    assert min(one["correlation"] for one in likely.values() if one) > 0.9
 
 
 def test_frames_of_vesta_with_a_colmap_model(shared_data, tmp_path):

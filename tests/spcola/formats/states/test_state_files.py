@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spcola.errors import FormatError
-from spcola.formats.states import isis_states, read_colmap, read_isd_states, read_poses
+from spcola.formats.states import read_colmap, read_isd_states, read_poses
+from spcola.formats.states.isis import isis_states
 from spcola.navigation import Spin, et_from_utc
 from spcola.navigation.states import StateSource
 
