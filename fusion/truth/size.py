@@ -40,6 +40,8 @@ class MissionSize:
 
     Attributes
     ----------
+    radius : float
+        Mean radius of the body, metres.
     scans, shots, returns : int
         Lidar files; shots of all of them together, and the expected returns.
     maplets, states, images : int
@@ -52,6 +54,7 @@ class MissionSize:
         Estimated, at most.
     """
 
+    radius: float
     scans: int
     shots: int
     returns: int
@@ -64,6 +67,7 @@ class MissionSize:
 
     def lines(self) -> Iterator[str]:
         """Yield the forecast as lines of text."""
+        yield f"a body of {self.radius:,g} m in mean radius"
         yield f"{self.scans} lidar files, {self.returns:,} returns"
         if self.images and not self.maplets:
             yield f"{self.images} raw images"
@@ -107,7 +111,8 @@ def mission_size(settings: MissionSettings) -> MissionSize:
         samples = 6.0 * (2.0 * settings.body.radius / FINEST) ** 2
         memory += min(samples * _SAMPLE_BYTES, SURFACE_BYTES)
     return MissionSize(
-        len(files), shots, sum(file.returns for file in files), maplets, states, images,
+        settings.body.radius, len(files), shots, sum(file.returns for file in files),
+        maplets, states, images,
         float(size), _BASE_SECONDS + seconds / usable_cores(), memory,
     )  # fmt: skip
 

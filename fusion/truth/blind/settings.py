@@ -19,6 +19,8 @@ from spcola.truth.raw_frames import DetectorSettings
 from spcola.truth.solid import FineSite, RoughShapeSettings, SolidSettings
 
 Part = TypeVar("Part")
+# A smaller base, metres, is one in kilometres that was read as metres.
+_SMALLEST = 5.0
 # Latitude and longitude, degrees: the smooth site, and rough ground.
 _SITES = ((-10.0, 350.0), (-45.0, 280.0), (35.0, 65.0), (5.0, 120.0), (70.0, 200.0), (-5.0, 240.0))
 LIDAR, IMAGES, KERNELS, SHAPE, CALIBRATION = "lidar", "images", "kernels", "shape", "calibration"
@@ -150,8 +152,14 @@ class BlindSettings(MissionSettings):
         ------
         WorkspaceError, FormatError
             If the shape cannot be read.
+        SettingsError
+            If it is smaller than 5 m.
         """
         radius = round(base.mesh().mean_radius, 3)
+        if radius < _SMALLEST:
+            raise SettingsError(
+                f"has a mean radius of {radius:g} m", base.path, "state its unit with --base-unit"
+            )
         factor = radius / self.body.radius
         legs = tuple(
             replace(leg, ranges=(factor * leg.ranges[0], factor * leg.ranges[1]))

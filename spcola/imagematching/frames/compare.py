@@ -61,13 +61,14 @@ def compare_frame(
     lowest : float
         Lowest brightness of lit ground.
     reach_px : float
-        Largest offset, pixels.
+        Largest offset, pixels; where the correlation still rises there, half of the frame.
     """
     cells = block_means(pixels, rendered.step)
     scores = _correlations(cells, rendered.brightness, int(np.ceil(reach_px / rendered.step)))
+    if _at_the_border(scores):
+        scores = _correlations(cells, rendered.brightness, max(cells.shape) // 2)
     middle = scores.shape[0] // 2
-    best = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    row, column = int(best[0]), int(best[1])
+    row, column = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
     down, right = _refined(cells, rendered.brightness, (row - middle, column - middle))
     seen, expected = silhouette(cells, lowest), silhouette(rendered.brightness, 0.0)
     return FrameMatch(
@@ -170,11 +171,11 @@ def _refined(image: FloatArray, model: FloatArray, near: tuple[int, int]) -> tup
     vertex of a parabola towards whole cells. Light from one side makes a ridge that runs
     obliquely, so that rows and columns are not to be refined one after the other.
     """
-    smooth = [gaussian_filter(cells, _SMOOTHING, mode="nearest") for cells in (image, model)]
+    one, other = (gaussian_filter(cells, _SMOOTHING, mode="nearest") for cells in (image, model))
     best, scores = near, np.zeros(9)
     for _ in range(2):
         around = [(best[0] + row, best[1] + column) for row, column in _NEIGHBOURS]
-        scores = np.array([_correlation(*_overlapping(*smooth, offset)) for offset in around])
+        scores = np.array([_correlation(*_overlapping(one, other, offset)) for offset in around])
         if (middle := int(np.argmax(scores))) == 4:
             break
         best = around[middle]
@@ -189,6 +190,11 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
     a, b = one - one.mean(), other - other.mean()
     below = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     return float(np.sum(a * b)) / below if below > 0.0 else -1.0
+
+
+def _at_the_border(scores: FloatArray) -> bool:
+    """Return whether the largest value of an array lies on its border: there is no peak inside."""
+    return bool(scores.max() > scores[1:-1, 1:-1].max(initial=-1.0))
 
 
 def _vertex(scores: FloatArray) -> tuple[float, float]:
