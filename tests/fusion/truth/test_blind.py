@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -282,6 +283,19 @@ def test_only_blind_missions_take_a_base(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 1
     assert "no.obj: cannot be read" in result.stderr
+    # Of another unit: too small for a body, or with too many boulders for memory.
+    small = IcqShape(icq_directions(3) * 250.0, name="base").mesh()
+    cases: list[tuple[Literal["m", "km"], float, str]] = [
+        ("m", 0.25, "mean radius of 0.2"),
+        ("km", 250e3, "too many"),
+    ]
+    for unit, radius, message in cases:
+        scaled = Mesh(small.vertices * radius / 250.0, small.facets)
+        write_obj_mesh(tmp_path / "base.obj", scaled, unit=unit)
+        arguments[6:] = [str(tmp_path / "base.obj"), "--base-unit", unit]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 1
+        assert message in result.stderr
 
 
 def test_by_the_command_line_from_making_to_import(tmp_path: Path) -> None:
