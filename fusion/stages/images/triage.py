@@ -296,7 +296,13 @@ def _fit(
     found = {turn: match(turn, coarse) for turn in turns}
     best, second = sorted(turns, key=lambda turn: -found[turn].correlation)[:2]
     scores = [found[turn].correlation for turn in (best, second)]
-    clear = scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
+    # The frame may lie far off its state; then another orientation is no finding, nor is a peak
+    # at the border of the search.
+    far = max(map(abs, found[best].offset))
+    near = (
+        far <= reach if best is not Turn.AS_STORED else far < 0.5 * max(record.size) - coarse.step
+    )
+    clear = near and scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
     fine = render_frame(caster, image, step=step_of(record, _FINE))
     chosen = match(best if clear else Turn.AS_STORED, fine)
     return Fit(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
@@ -115,18 +117,19 @@ def test_silhouette_is_that_of_projected_ground(model):
     assert silhouette_overlap(seen[:, ::-1], rendered.body) < 0.93
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (5.0, -7.0), (-12.0, 3.0)])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (5.0, -7.0), (-11.4, 2.7), (1.0, 0.5)])
 def test_a_planted_offset_is_found(offset):
     image = image_of(*PLAIN)
-    frame = render_frame(CASTER, image).brightness
-    moved = np.roll(frame, (int(offset[1]), int(offset[0])), axis=(0, 1))
-    dn = np.rint(200.0 * moved + 5.0).astype(np.uint8)
+    camera = replace(image.camera, center=image.camera.center + np.array(offset))
+    moved = render_frame(CASTER, replace(image, camera=camera)).brightness
+    dn = np.rint(100.0 * moved + 5.0).astype(np.uint16)
     found = compare_frame(dn, render_frame(CASTER, image, step=2), lowest=12, reach_px=20)
-    np.testing.assert_allclose(found.offset, offset, atol=0.5)
+    # A parabola through correlations at whole cells is off by up to 0.4 pixel here.
+    np.testing.assert_allclose(found.offset, offset, atol=0.12)
     assert found.correlation > 0.98
     assert found.overlap > 0.97
     assert found.given <= found.correlation
-    if offset != (0.0, 0.0):
+    if np.hypot(*offset) > 2.0:
         assert found.overlap_given < found.overlap
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -157,9 +159,9 @@ def test_frames_of_vesta_with_a_colmap_model(shared_data, tmp_path):
     fits = [one["fit"] for one in found["images"]]
     assert min(fit["correlation"] for fit in fits) > 0.93
     assert min(fit["overlap"] for fit in fits) > 0.96
-    # Together off by pixels, from frame to frame by tenths.
+    # Together off by 1.6 lines, from frame to frame by tenths.
     offsets = np.array([fit["offset_px"] for fit in fits])
-    assert np.linalg.norm(offsets.mean(axis=0)) < 5.0
+    np.testing.assert_allclose(offsets.mean(axis=0), [-0.2, 1.6], atol=0.3)
     assert offsets.std(axis=0).max() < 0.6
     phase = [one["phase_deg"] for one in found["images"]]
     np.testing.assert_allclose(phase, [29.51, 29.25, 28.99, 28.48], atol=0.2)
@@ -276,16 +278,23 @@ def test_navcam_of_bennu_shows_the_ground_that_its_tables_state(shared_data):
     assert rendered.body.all()
     dn = np.where(pixels.valid, pixels.values, 0.0)
     turns = [turn for turn in Turn if not turn.exchanges]
+    # A facet is 19 pixels wide, and nine tenths of the image's contrast is finer: what is compared
+    # are the scales that the shape has.
+    model = replace(rendered, brightness=_band(rendered.brightness, 3.0, 9.0))
     found = [
-        compare_frame(
-            np.ascontiguousarray(turn.orientation.apply(dn)), rendered, lowest=200, reach_px=16
-        )
+        compare_frame(_band(turn.orientation.apply(dn), 6.0, 18.0), model, lowest=200, reach_px=16)
         for turn in turns
     ]
     scores = [one.correlation for one in found]
-    assert int(np.argmax(scores)) == 0
-    assert scores[0] - max(scores[1:]) > 0.1
-    assert np.hypot(*found[0].offset) < 6.0
+    assert scores[0] > 0.6
+    assert max(scores[1:]) < 0.45
+    np.testing.assert_allclose(found[0].offset, [-1.9, -2.7], atol=0.5)
+
+
+def _band(picture, fine, coarse):
+    """Return what of a picture lies between two widths of smoothing."""
+    whole = np.asarray(picture, dtype=np.float64)
+    return gaussian_filter(whole, fine) - gaussian_filter(whole, coarse)
 
 
 def test_the_msi_frame_shows_no_body_by_its_label(shared_data, tmp_path):
