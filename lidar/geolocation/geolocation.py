@@ -22,7 +22,7 @@ from lidar.geolocation.mirror import MirrorMotion
 from lidar.geolocation.range_shift import RangeShift
 from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import BoolArray, FloatArray, read_only
 from spcola.errors import InvalidValueError
 from spcola.navigation import Offset, Spin, Trajectory
 
@@ -102,9 +102,9 @@ class Geolocation:
         if self.mirror is not None:
             points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
-        moved, kept = move_points(
-            points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
-        )
+        given = (points, time, self.turn_time, self.turn, self.shift_time, self.shift)
+        # Alike in layout and access, so that the kernel is compiled once.
+        moved, kept = move_points(*(read_only(np.ascontiguousarray(one)) for one in given), gap)
         return moved, kept
 
     def apply_to_scan(self, scan: Scan) -> Scan:
