@@ -759,8 +759,9 @@ def test_a_full_disk_leaves_what_was_there(workspace: Path, stage: str, place: s
     assert files_in(workspace) == before
 
 
-@pytest.mark.parametrize("json_mode", [[], ["--json"]])
-@pytest.mark.parametrize("buffering", [{}, {"PYTHONUNBUFFERED": "1"}])
+@pytest.mark.parametrize(
+    ("json_mode", "buffering"), [([], {}), (["--json"], {"PYTHONUNBUFFERED": "1"})]
+)
 def test_a_full_disk_under_standard_output_is_one_line(
     workspace: Path, json_mode: list[str], buffering: dict[str, str]
 ) -> None:

@@ -101,7 +101,7 @@ def test_silhouette_is_that_of_projected_ground(model):
     # Forward: points of the surface; the rendering goes backward along rays.
     rng = np.random.default_rng(1)
     corners = MESH.vertices[MESH.facets]
-    weight = np.sort(rng.random((60, len(corners), 2)), axis=-1)
+    weight = np.sort(rng.random((25, len(corners), 2)), axis=-1)
     shares = np.diff(weight, axis=-1, prepend=0.0, append=1.0)
     points = np.einsum("nfk,fkx->nfx", shares, corners).reshape(-1, 3)
     pixel, line = project_image(image, points)
