@@ -102,9 +102,15 @@ class Geolocation:
         if self.mirror is not None:
             points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
-        given = (points, time, self.turn_time, self.turn, self.shift_time, self.shift)
-        # Alike in layout and access, so that the kernel is compiled once.
-        moved, kept = move_points(*(read_only(np.ascontiguousarray(one)) for one in given), gap)
+        moved, kept = move_points(
+            _alike(points),
+            _alike(time),
+            _alike(self.turn_time),
+            _alike(self.turn),
+            _alike(self.shift_time),
+            _alike(self.shift),
+            gap,
+        )
         return moved, kept
 
     def apply_to_scan(self, scan: Scan) -> Scan:
@@ -255,3 +261,8 @@ def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) 
     begin, end = span[0], max(span[1], span[0] + 1.0)
     count = int(np.clip(np.ceil((end - begin) / step), 1, _MOST_TIMES))
     return np.linspace(begin, end, count + 1)
+
+
+def _alike(array: FloatArray) -> FloatArray:
+    """Return `array` as the kernel gets all of them, so that it is compiled once."""
+    return read_only(np.ascontiguousarray(array))

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.types import unliteral
 
 from spcola.compilation.cache import keep_compiled
 
@@ -48,8 +47,8 @@ def _cached(dispatcher: Any, function: F) -> F:
 
     def by_type(arguments: Any, keywords: dict[str, Any]) -> Any:
         """Resolve a call in a kernel; Numba would compile once more for a constant argument."""
-        named = {key: unliteral(kind) for key, kind in keywords.items()}
-        return resolve([unliteral(kind) for kind in arguments], named)
+        named = {key: numba.types.unliteral(kind) for key, kind in keywords.items()}
+        return resolve([numba.types.unliteral(kind) for kind in arguments], named)
 
     dispatcher.get_call_template = by_type
     keep_compiled(dispatcher, function)
