@@ -308,6 +308,13 @@ def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     )
     if done.filtered:
         yield f"  {done.filtered} of other filters were left out"
+    fits = [record.camera_fit for record in done.new if record.camera_fit is not None]
+    for fit in {str(one): one for one in fits}.values():
+        where = f"; the exact camera is SUMFILES/{fit['file']}" if fit["file"] else ""
+        yield (
+            f"  {fits.count(fit)} images: in .SUM files their {fit['model']} distortion is Owen's, "
+            f"fitted to {fit['rms_px']:.2g} px rms, {fit['largest_px']:.2g} px at most{where}"
+        )
     yield from _some([f"  {remark}" for remark in done.remarks])
     notes = [f"  {record.name}: {note}" for record in done.new for note in record.notes]
     yield from _some(notes)

@@ -51,6 +51,7 @@ def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption 
         "maplets": len(opened.maplet_names()),
         "landmarks": len(opened.landmark_names()),
         "images": len(opened.image_names()),
+        "line_scans": len(opened.line_scan_names()),
     }
     show(content, value_lines(content), as_json=as_json)
 
@@ -98,13 +99,19 @@ def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new folder.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Write a solution as a plain SPC folder, with the pixels of its images."""
+    """Write a solution as a plain SPC folder, with the pixels of its images.
+
+    Where a camera's distortion is not Owen's, the .SUM files have a fit to it; how good it is, is
+    printed, and the exact cameras are written too.
+    """
     from fusion.pipeline.solutions import export_solution
 
-    counts = export_solution(_opened(workspace, name), folder)
+    counts, cameras = export_solution(_opened(workspace, name), folder)
     listed = ", ".join(f"{count} in {each}" for each, count in counts.items())
-    content: dict[str, Any] = {"folder": folder, "written": counts}
-    show(content, [f"{folder}: {listed}"], as_json=as_json)
+    fits = [{"file": file, **one.as_json()} for file, one in cameras.items()]
+    lines = [f"  {file}: {one.text}" for file, one in cameras.items()]
+    content: dict[str, Any] = {"folder": folder, "written": counts, "cameras": fits}
+    show(content, [f"{folder}: {listed}", *lines], as_json=as_json)
 
 
 def remove(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:

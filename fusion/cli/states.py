@@ -219,6 +219,7 @@ def sumfiles(
         make_sumfiles,
     )
     from fusion.workspace import Workspace
+    from spcola.formats.solution.exact_camera import stored_camera
     from spcola.formats.states import exposure_of, read_exposures
 
     given = sum(source is not None for source in (table, image, table_of_poses.poses))
@@ -251,12 +252,16 @@ def sumfiles(
             for state, original in zip(made, originals, strict=True)
         ],
     }
+    stored = stored_camera(there.image(made[0].name).camera)
+    fitted = [f"  {stored.text}: {stored.file}"] if stored.file else []
+    if stored.file:
+        content["camera_fit"] = stored.as_json()
     ranges = [math.hypot(*state.scobj) for state in made]
     line = (
         f"Wrote {'.SUM' if found.body_rates is None else '.SUM and .NOM'} of {len(made)} images, "
         f"{min(ranges):.6g} to {max(ranges):.6g} m from the body's centre"
     )
-    show(content, [line], as_json=as_json)
+    show(content, [line, *fitted], as_json=as_json)
 
 
 def kernels(
@@ -298,6 +303,7 @@ def kernels(
     meta-kernel, and a table of the images. They are read back: each state must come back to 1 mm
     and 1 µrad.
     """
+    from fusion.stages.line_scans import line_scans_not_used
     from fusion.stages.states import SourceOptions, export_kernels
     from fusion.workspace import Workspace
 
@@ -311,7 +317,9 @@ def kernels(
         camera=camera,
         max_gap_s=max_gap_s,
     )
-    show(_kernel_facts(out, made), _kernel_lines(out, made), as_json=as_json)
+    left = line_scans_not_used(there)
+    lines = [f"  {one['text']} [{one['code']}]" for one in left.values()]
+    show({**_kernel_facts(out, made), **left}, [*_kernel_lines(out, made), *lines], as_json=as_json)
 
 
 def _state_facts(state: ImageState) -> dict[str, Any]:

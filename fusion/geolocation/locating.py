@@ -77,7 +77,7 @@ def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
     """
     paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
     if settings.mapolas.trajectory == "spc":
-        paths += [workspace.image_path(name) for name in workspace.image_names()]
+        paths += workspace.state_files()
     return paths
 
 

@@ -29,7 +29,9 @@ from spcola.errors import FormatError, SpcolaError
 from spcola.formats.maplets import read_map, read_maplet
 from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_shape
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
+from spcola.formats.solution.line_scan import read_line_scan
 from spcola.grids import Maplet
+from spcola.navigation import utc_from_et
 from spcola.shape.icq import IcqShape, as_icq
 from spcola.spice import orientation_of, read_transfer
 
@@ -53,6 +55,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "maplets": len(workspace.maplet_names()),
         "landmarks": len(workspace.landmark_names()),
         "images": len(workspace.image_names()),
+        "line_scans": len(workspace.line_scan_names()),
         "images_in_catalogue": count_images(workspace),
         "shape": ", ".join(path.name for path in shapes),
         "scans": len(scans),
@@ -174,9 +177,26 @@ def _describe_summary(path: Path) -> dict[str, Any]:
         "pixels": image.camera.width,
         "lines": image.camera.height,
         "focal_length_mm": image.camera.focal_length_mm,
+        "distortion_model": image.camera.distortion_model,
         "distance_m": float(np.linalg.norm(image.position)),
         "landmarks": len(image.landmarks),
         "limbs": len(image.limbs),
+    }
+
+
+def _describe_line_scan(path: Path) -> dict[str, Any]:
+    image = read_line_scan(path)
+    scan = image.scan
+    return {
+        "kind": "line-scan image",
+        "name": image.name,
+        "first_line_utc": utc_from_et(float(scan.times[0]), 6),
+        "last_line_utc": utc_from_et(float(scan.times[-1]), 6),
+        "pixels": scan.camera.width,
+        "lines": scan.height,
+        "focal_length_mm": scan.camera.focal_length_mm,
+        "distortion_model": scan.camera.distortion_model,
+        "distance_m": float(np.linalg.norm(scan.positions[scan.height // 2])),
     }
 
 
@@ -264,6 +284,7 @@ _READERS: dict[FileKind, Callable[[Path], dict[str, Any]]] = {
     FileKind.LANDMARK: _describe_landmark,
     FileKind.SUMMARY: _describe_summary,
     FileKind.IMAGE: _describe_image,
+    FileKind.LINE_SCAN: _describe_line_scan,
     FileKind.NOMINAL: lambda path: {"kind": "nominal state", "name": read_nominal(path).name},
     FileKind.LIST: lambda path: {"kind": "list", "names": len(read_list(path))},
     FileKind.SETTINGS: lambda path: {

@@ -11,10 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
+from spcola.camera.owen_fit import camera_difference
 from spcola.errors import InvalidValueError
 from spcola.math import Similarity, similarity_between
 
 _PERCENT = (50, 95, 100)
+_ROUNDING_PX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,8 @@ class SolutionDifference:
         Change of the spacecraft positions along Cx, Cy and Cz, metres.
     turns : (M, 3) ndarray
         Change of the pointing: rotations about Cx, Cy and Cz, radians.
+    cameras : (M,) ndarray
+        Largest change of a pixel's place on the detector by focal length, K or distortion, pixels.
     common : Similarity or None
         The similarity that takes the first centres nearest to the second ones; None for fewer than
         three.
@@ -63,6 +67,7 @@ class SolutionDifference:
     heights: FloatArray
     positions: FloatArray
     turns: FloatArray
+    cameras: FloatArray
     common: Similarity | None
     radius_ratio: float
     settings: Mapping[str, tuple[Any, Any]]
@@ -89,6 +94,7 @@ class SolutionDifference:
             "centers_left_over_m": _percentiles(np.linalg.norm(self.left_over, axis=1)),
             "heights_changed_m": _percentiles(self.heights),
             "positions_moved_m": _percentiles(np.linalg.norm(self.positions, axis=1)),
+            "cameras_changed_px": _percentiles(self.cameras),
             "pointing_turned_deg": _percentiles(np.degrees(np.linalg.norm(self.turns, axis=1))),
             "common_scale": None if common is None else common.scale,
             "common_rotation_deg": None if common is None else np.degrees(common.rotation_vector),
@@ -126,7 +132,8 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
         first.solution, second.solution, maplets, images,
         tuple(sorted(names[0] - names[1])), tuple(sorted(names[1] - names[0])),
         centers, moved, np.array([row[2] for row in rows]), np.array([row[3] for row in rows]),
-        positions, turns, common, _radius_ratio(first, second), _changed_settings(first, second),
+        positions, turns, np.array([row[2] for row in states]), common,
+        _radius_ratio(first, second), _changed_settings(first, second),
     )  # fmt: skip
 
 
@@ -150,6 +157,7 @@ def difference_lines(found: SolutionDifference) -> list[str]:
         row("heights within a maplet", "heights_changed_m", "m"),
         row("spacecraft moved", "positions_moved_m", "m"),
         row("pointing turned", "pointing_turned_deg", "°"),
+        *([row("cameras changed", "cameras_changed_px", "px")] if found.cameras.any() else []),
     ]
     if found.common is not None:
         turn = ", ".join(f"{value:.3g}" for value in content["common_rotation_deg"])
@@ -185,11 +193,16 @@ def _maplet_change(
     return old.grid.center, moved, float(moved @ old.grid.axes[2]), spread
 
 
-def _state_change(first: Workspace, second: Workspace, name: str) -> tuple[FloatArray, FloatArray]:
-    """Return the change of position and of pointing of an image, in its camera axes."""
+def _state_change(
+    first: Workspace, second: Workspace, name: str
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the change of position and of pointing, in the camera axes, and of the camera."""
     old, new = first.image(name), second.image(name)
     turn = Rotation.from_matrix(old.axes @ new.axes.T).as_rotvec()
-    return old.axes @ (new.position - old.position), turn
+    camera = camera_difference(old.camera, new.camera).largest_px
+    # Less than the decimals of a .SUM file is rounding.
+    camera = camera if camera > _ROUNDING_PX else 0.0
+    return old.axes @ (new.position - old.position), turn, camera
 
 
 def _radius_ratio(first: Workspace, second: Workspace) -> float:

@@ -15,6 +15,7 @@ from fusion.fusing.uncertainty import SlopeInformation
 from fusion.pipeline import Stage, StageContext, StageResult, find_table, with_kept
 from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
+from fusion.stages.line_scans import line_scans_not_used
 from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
@@ -70,6 +71,8 @@ class FuseStage(Stage):
         make_folder(folder)
         write_fused(folder, with_kept(grids, chosen, done, _kept_in(workspace)))
         summary = {**tally.summary(information), **tally.verdict().as_json()}
+        if table.light != "none":
+            summary |= line_scans_not_used(workspace)
         return StageResult(tuple(workspace.fused_paths()), summary)
 
 

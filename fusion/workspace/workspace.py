@@ -25,12 +25,15 @@ from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
 from lidar.gridding import Mapola
 from spcola import atomic
 from spcola.camera import SpcImage
+from spcola.camera.linescan import LineScanImage
 from spcola.control import Landmark
 from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
 from spcola.formats.maplets import read_maplet, sigma_path
 from spcola.formats.shapes import read_shape
 from spcola.formats.solution import read_landmark, read_list, read_summary
+from spcola.formats.solution.exact_camera import camera_files
+from spcola.formats.solution.line_scan import LINE_SCAN_SUFFIX, read_line_scan
 from spcola.grids import Maplet
 from spcola.shape import Mesh
 
@@ -214,13 +217,29 @@ class Workspace:
         camera = image.camera
         return replace(image, pixels=read_image_data(path, camera.width, camera.height))
 
+    def line_scan_names(self) -> list[str]:
+        """Return the line-scan images with states."""
+        return sorted(
+            path.stem for path in (self.home / "SUMFILES").glob(f"[!.]*{LINE_SCAN_SUFFIX}")
+        )
+
+    def line_scan_path(self, name: str) -> Path:
+        """Return where the states of the line-scan image `name` lie."""
+        return self.home / "SUMFILES" / f"{name}{LINE_SCAN_SUFFIX}"
+
+    def line_scan(self, name: str) -> LineScanImage:
+        """Read the states of the line-scan image `name` (no pixels)."""
+        return read_line_scan(self._present(self.line_scan_path(name), "line-scan image"))
+
+    def state_files(self) -> list[Path]:
+        """Return the files of all images' states: each .SUM, and the cameras next to them."""
+        summaries = [self.image_path(name) for name in self.image_names()]
+        return [*summaries, *camera_files(self.home / "SUMFILES")]
+
     def image_files(self) -> list[Path]:
-        """Return the files of all images: each .SUM, and its pixels where IMAGEFILES has them."""
-        paths = []
-        for name in self.image_names():
-            exposure = self.exposure_path(name)
-            paths += [self.image_path(name), *([exposure] if _is_there(exposure) else [])]
-        return paths
+        """Return the files of all images: states, and pixels where IMAGEFILES has them."""
+        exposures = [self.exposure_path(name) for name in self.image_names()]
+        return [*self.state_files(), *(path for path in exposures if _is_there(path))]
 
     def shape_path(self) -> Path:
         """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.

@@ -32,6 +32,7 @@ from fusion.workspace.solution_records import (
 )
 from spcola import atomic
 from spcola.errors import WorkspaceError
+from spcola.formats.solution.exact_camera import StoredCamera, exact_cameras
 
 LOCK_FILE = ".lock"
 # Pixels belong to the workspace, and all solutions share them.
@@ -179,7 +180,9 @@ def remove_solution(workspace: Workspace, name: str) -> None:
         shutil.rmtree(gone, ignore_errors=True)
 
 
-def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
+def export_solution(
+    workspace: Workspace, folder: Path
+) -> tuple[dict[str, int], dict[str, StoredCamera]]:
     """Write the solution of a workspace as a plain SPC folder, with the pixels of its images.
 
     Parameters
@@ -190,19 +193,24 @@ def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
 
     Returns
     -------
-    dict of str to int
+    counts : dict of str to int
         Number of files in each folder.
+    cameras : dict of str to StoredCamera
+        Exact cameras to which .SUM files have only a fit, by their files.
 
     Raises
     ------
     WorkspaceError
         If the folder exists or cannot be written.
+    FormatError
+        If the exact camera of an image is missing or damaged.
     """
     if folder.exists() or folder.is_symlink():
         raise WorkspaceError("exists already", folder, "name a folder that does not exist")
     clear_abandoned_folders(folder)
     making = folder.with_name(f".{folder.name}.{os.getpid()}")
     files = {**solution_files(workspace), "IMAGEFILES": _files(workspace.root / "IMAGEFILES")}
+    cameras = exact_cameras(path for path in files["SUMFILES"] if path.suffix == ".SUM")
     try:
         for name, paths in files.items():
             make_folder(making / name)
@@ -214,7 +222,7 @@ def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
         raise atomic.write_error(folder, error) from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
-    return {name: len(paths) for name, paths in files.items() if name}
+    return {name: len(paths) for name, paths in files.items() if name}, cameras
 
 
 def solution_files(workspace: Workspace) -> dict[str, list[Path]]:

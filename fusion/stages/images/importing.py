@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import spcola
 from fusion.pipeline.items import ItemStore
@@ -17,15 +18,18 @@ from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
 from fusion.stages.images.sources import Sighting, StateChoice, find_sightings, stated_times
+from fusion.stages.images.turns import Turn
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
+from spcola.camera.linescan import LineScanImage
 from spcola.errors import InvalidValueError, WorkspaceError
+from spcola.formats.solution.exact_camera import stored_camera
 
 __all__ = ["ImportOptions", "Imported", "import_images"]
 _LOCK = ".images.lock"
 ITEM_PLACE = Path(".items") / "images"
-ITEM_VERSION = f"{spcola.__version__} images 1"
+ITEM_VERSION = f"{spcola.__version__} images 2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,16 +215,24 @@ def _plan(
 def _check_size(workspace: Workspace, one: _Planned, options: ImportOptions) -> None:
     """Refuse an image of another size than its camera."""
     width, height = _turned_size(one.image, options)
+    turn = options.recipe.turn
+    if one.sighting is not None and one.sighting.scan is not None and turn is not Turn.AS_STORED:
+        raise InvalidValueError(
+            f"cannot be turned ({turn}): its lines were exposed one after the other",
+            one.image.path,
+            "leave --orientation out",
+        )
     if one.sighting is not None:
-        camera, where = one.sighting.camera, one.sighting.camera_origin
+        size, where = one.sighting.size, one.sighting.camera_origin
     elif workspace.image_path(one.name).is_file():
-        camera, where = workspace.image(one.name).camera, str(workspace.image_path(one.name))
+        size, where = workspace.image(one.name).size, str(workspace.image_path(one.name))
+    elif workspace.line_scan_path(one.name).is_file():
+        size, where = workspace.line_scan(one.name).size, str(workspace.line_scan_path(one.name))
     else:
         return
-    if (camera.width, camera.height) != (width, height):
+    if size != (width, height):
         raise InvalidValueError(
-            f"has {width} × {height} pixels, its camera in {where} {camera.width} × "
-            f"{camera.height}",
+            f"has {width} × {height} pixels, its camera in {where} {size[0]} × {size[1]}",
             one.image.path,
             "give the camera of this image",
         )
@@ -294,38 +306,51 @@ def _record(
 ) -> ImageRecord:
     """Return the line of the catalogue of an image."""
     image, sighting = one.image, one.sighting
-    state = camera = None
+    state: dict[str, Any] | None = None
+    camera = fit = None
     notes = image.notes
     if sighting is not None:
         source = str(sighting.state.source)
         state = {"source": source, "from": sighting.origin, "solution": workspace.solution}
         camera, notes = sighting.camera_origin, (*notes, *sighting.notes)
-    elif workspace.image_path(one.name).is_file():
-        path = workspace.image_path(one.name)
+        if sighting.scan is not None:
+            state["lines"] = sighting.scan.height
+        elif (stored := stored_camera(sighting.camera)).difference.largest_px > 0.0:
+            fit = stored.as_json()
+    elif (path := _state_path(workspace, one.name)).is_file():
         state = {"source": "sum", "from": str(path), "solution": workspace.solution}
         camera = str(path)
     if known is not None:
-        return replace(known, state=state, camera=camera, notes=notes)
+        return replace(known, state=state, camera=camera, notes=notes, camera_fit=fit)
     assert facts is not None
     return ImageRecord(
         one.name, image.original, str(image.path.absolute()), image.digest, options.recipe.digest,
         str(options.recipe.turn), _turned_size(image, options), facts, image.label, state, camera,
-        notes,
+        notes, fit,
     )  # fmt: skip
 
 
 def _write_states(
     workspace: Workspace, planned: Sequence[_Planned], records: Sequence[ImageRecord]
 ) -> None:
-    """Write .SUM and .NOM files of the images with a state."""
-    images, nominal = [], []
+    """Write .SUM and .NOM files of the images with a state, and files of line scans."""
+    images, nominal, scans = [], [], []
     for one, record in zip(planned, records, strict=True):
         if one.sighting is None:
             continue
         state = replace(one.sighting.state, name=one.name)
         thresholds = one.sighting.thresholds or record.pixels.thresholds
+        if one.sighting.scan is not None:
+            scans.append(LineScanImage(one.name, one.sighting.scan, state.sun, thresholds))
+            continue
         images.append(state.as_image(one.sighting.camera, thresholds=thresholds))
         if one.sighting.rate is not None:
             nominal.append(state.as_nominal(one.sighting.rate))
-    if images:
-        write_states(workspace, images, nominal)
+    if images or scans:
+        write_states(workspace, images, nominal, scans)
+
+
+def _state_path(workspace: Workspace, name: str) -> Path:
+    """Return where the state of an image lies, or would lie."""
+    scan = workspace.line_scan_path(name)
+    return scan if scan.is_file() else workspace.image_path(name)

@@ -14,6 +14,7 @@ from fusion.stages.states import SourceOptions, states_by_kernels, states_by_pos
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
+from spcola.camera.linescan import LineScan
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
 from spcola.formats.solution import read_summary
@@ -26,6 +27,7 @@ from spcola.formats.states import (
 )
 from spcola.navigation import utc_from_et
 from spcola.navigation.states import ImageState, compare_states
+from spcola.spice.instruments import read_cube_camera, read_cube_lines
 from spcola.spice.states import SpiceCamera
 
 __all__ = ["StateChoice", "StateKind", "find_sightings", "stated_times"]
@@ -102,6 +104,8 @@ class Sighting:
         Angular velocity of the body, body-fixed, rad/s: with it there is a .NOM file.
     notes : tuple of str
         What other sources give.
+    scan : LineScan, optional
+        States of all lines of a line-scan image; `state` is that of its middle.
     """
 
     state: ImageState
@@ -111,6 +115,12 @@ class Sighting:
     camera_origin: str
     rate: FloatArray | None = None
     notes: tuple[str, ...] = ()
+    scan: LineScan | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Samples and lines of an image of the camera."""
+        return self.camera.width, self.camera.height if self.scan is None else self.scan.height
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +133,14 @@ class FoundSightings:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A state with what else its source gives."""
+    """A state with what else its source gives; of lines: times, positions and axes."""
 
     state: ImageState
     origin: Path
     rate: FloatArray | None = None
     camera: Camera | None = None
     camera_origin: str = ""
+    lines: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
 
 def find_sightings(
@@ -146,11 +157,11 @@ def find_sightings(
     if choice.kind is StateKind.NONE:
         return FoundSightings({}, ())
     for image in images:
-        if image.scanner:
+        if image.scanner and choice.kind not in (StateKind.LABEL, StateKind.ISD):
             raise InvalidValueError(
-                "is of a line scanner: a .SUM file has one state, not one for each line",
+                f"is of a line scanner: {_named(choice)} has one state, not one for each line",
                 image.path,
-                "import its pixels without --states",
+                "take --states label or isd, or import its pixels without --states",
             )
     candidates, remarks = _FINDERS[choice.kind](workspace, images, choice)
     camera, thresholds = (None, None) if choice.camera is None else _camera(choice.camera)
@@ -170,9 +181,11 @@ def find_sightings(
                 f"has a state ({choice.kind}) and no camera", image.path, "give --camera FILE"
             )
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
+        other = _other_source(image, state, used, choice.kind)
+        scan = None if candidate.lines is None else LineScan(used, *candidate.lines)
         found[image.digest] = Sighting(
-            state, _as_owen(used), thresholds, str(candidate.origin), origin, candidate.rate,
-            (*notes, *_other_source(image, state, used, choice.kind)),
+            state, used, thresholds, str(candidate.origin), origin, candidate.rate,
+            (*notes, *other), scan,
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
 
@@ -216,7 +229,8 @@ def _completed(
         raise InvalidValueError(
             "the direction to the Sun is unknown", image.path, "give --times TABLE with sunx …"
         )
-    if image.time is None or abs(image.time - state.time) <= _SAME_TIME_S:
+    # The label of a cut line scan still has the time of the whole one.
+    if image.time is None or image.scanner or abs(image.time - state.time) <= _SAME_TIME_S:
         return state, ()
     return state, (
         f"the label gives {utc_from_et(image.time, 3)} for the middle of the exposure, its state "
@@ -228,10 +242,10 @@ def _other_source(
     image: OpenedImage, state: ImageState, camera: Camera, kind: StateKind
 ) -> tuple[str, ...]:
     """Return how far the state in an ISIS cube's tables is from the one that is used."""
-    if kind is StateKind.LABEL or image.label["format"] != "isis":
+    if kind is StateKind.LABEL or image.label["format"] != "isis" or image.scanner:
         return ()
     try:
-        other = replace(_label_state(image), name=state.name)
+        other = replace(_label_state(image, image.time), name=state.name)
     except SpcolaError:
         return ()
     apart = compare_states(state, other, camera)
@@ -295,20 +309,30 @@ def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: Sta
 
 
 def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return the states in the tables of ISIS cubes."""
-    del workspace, choice
-    return {image.digest: _Candidate(_label_state(image), image.path) for image in images}, []
+    """Return the states in the tables of ISIS cubes, and the cameras that are known."""
+    del workspace
+    found = {}
+    for image in images:
+        camera = None if choice.camera is not None else read_cube_camera(image.path)
+        time, lines = image.time, None
+        if image.scanner and image.label["format"] == "isis":
+            times = read_cube_lines(image.path)
+            lines = (times, *read_isis_states(image.path).along(times))
+            time = float(times[len(times) // 2])
+        state = _label_state(image, time)
+        found[image.digest] = _Candidate(state, image.path, None, camera, str(image.path), lines)
+    return found, []
 
 
-def _label_state(image: OpenedImage) -> ImageState:
-    """Return the state in the tables of a cube."""
+def _label_state(image: OpenedImage, time: float | None) -> ImageState:
+    """Return the state in the tables of a cube at a time, or in their middle."""
     if image.label["format"] != "isis":
         raise FormatError(
             f"its label ({image.label['format'].upper()}) has no tables of the camera's state",
             image.path,
             "take --poses or --states spice",
         )
-    return read_isis_states(image.path).state(image.path.stem, image.time)
+    return read_isis_states(image.path).state(image.path.stem, time)
 
 
 def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
@@ -322,11 +346,11 @@ def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateCh
         if path is None:
             continue
         sensor = read_isd(path)
-        if len(sensor.times) > 1:
-            raise InvalidValueError("is of a line scanner", path, "leave its image out")
-        state = read_isd_states(path).state(image.path.stem, float(sensor.times[0]))
-        state = replace(state, scobj=-sensor.positions[0], axes=sensor.axes[0])
-        found[image.digest] = _Candidate(state, path, None, sensor.camera, str(path))
+        middle = len(sensor.times) // 2
+        state = read_isd_states(path).state(image.path.stem, float(sensor.times[middle]))
+        state = replace(state, scobj=-sensor.positions[middle], axes=sensor.axes[middle])
+        lines = (sensor.times, sensor.positions, sensor.axes) if middle else None
+        found[image.digest] = _Candidate(state, path, None, sensor.camera, str(path), lines)
     return found, []
 
 
@@ -363,13 +387,6 @@ def _camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
         raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
     (instrument,) = cameras.values()
     return instrument.camera, None
-
-
-def _as_owen(camera: Camera) -> Camera:
-    """Return a camera without distortion in Owen's form, the one of .SUM files."""
-    if camera.distortion.any():
-        return camera
-    return replace(camera, distortion_model="owen", distortion=np.zeros(4))
 
 
 def _named(choice: StateChoice) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,14 +17,16 @@ from fusion.stages.images.record import ImageRecord
 from fusion.stages.images.triage_report import Fit, Flag, Scene, Triage, TriageReport
 from fusion.stages.images.turns import Turn
 from fusion.workspace import Workspace
-from spcola.camera import SpcImage
+from spcola.arrays import FloatArray
 from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
 from spcola.imagematching.frames import (
     FrameMatch,
     RenderedFrame,
+    View,
     center_view,
     compare_frame,
+    footprint,
     render_frame,
 )
 from spcola.shape import RayCaster
@@ -96,19 +99,27 @@ class _Work:
     def timed(self, record: ImageRecord) -> tuple[float, Triage]:
         """Return seconds and result."""
         begun = time.perf_counter()
-        path = self.workspace.image_path(record.name)
-        state = file_digest(path) if path.is_file() else ""
-        image = self.workspace.image(record.name) if state else None
+        path, scan = (
+            self.workspace.image_path(record.name), self.workspace.line_scan_path(record.name)
+        )  # fmt: skip
+        image: View | None = None
+        camera, state = None, ""
+        if path.is_file():
+            image = self.workspace.image(record.name)
+            # Bytes of a .SUM file that another program wrote need not name the exact camera.
+            camera, state = image.camera, file_digest(path)
+        elif scan.is_file():
+            image, state = self.workspace.line_scan(record.name), file_digest(scan)
 
-        def triage(_record: ImageRecord, _state: str, _shape: str) -> Triage:
+        def triage(*_inputs: Any) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
-        result = self.store.result(triage, record, state, self.shape)
+        result = self.store.result(triage, record, state, camera, self.shape)
         return time.perf_counter() - begun, result
 
 
 def _triage(
-    record: ImageRecord, image: SpcImage | None, caster: RayCaster | None, workspace: Workspace
+    record: ImageRecord, image: View | None, caster: RayCaster | None, workspace: Workspace
 ) -> Triage:
     """Look at one image."""
     flags = _pixel_flags(record)
@@ -118,12 +129,14 @@ def _triage(
         nan = np.nan
         return Triage(
             record.name, record.original, record.size, scene, share, record.pixels.lit,
-            nan, nan, nan, nan, None, tuple(flags),
+            nan, nan, nan, nan, None, (), tuple(flags),
         )  # fmt: skip
     view = center_view(caster, image)
+    corners: tuple[tuple[float, float], ...] = ()
     if caster is not None:
         rendered = render_frame(caster, image, step=_step(record, _COARSE))
         share = float(rendered.body.mean())
+        corners = _longitudes_latitudes(footprint(caster, image))
         if Flag.EMPTY not in flags:
             scene = _scene(share)
         if share >= _LEAST_BODY and Flag.EMPTY not in flags:
@@ -132,8 +145,15 @@ def _triage(
     phase, emission = np.degrees([view.phase, view.emission])
     return Triage(
         record.name, record.original, record.size, scene, share, record.pixels.lit, view.range_m,
-        view.resolution_m, float(phase), float(emission), fit, tuple(flags),
+        view.resolution_m, float(phase), float(emission), fit, corners, tuple(flags),
     )  # fmt: skip
+
+
+def _longitudes_latitudes(points: FloatArray) -> tuple[tuple[float, float], ...]:
+    """Return east longitudes 0 … 360 and latitudes, degrees, of points (N, 3)."""
+    longitude = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 360.0
+    latitude = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    return tuple((float(x), float(y)) for x, y in zip(longitude, latitude, strict=True))
 
 
 def _pixel_flags(record: ImageRecord) -> list[Flag]:
@@ -166,7 +186,7 @@ def _scene(share: float) -> Scene:
 
 def _fit(
     record: ImageRecord,
-    image: SpcImage,
+    image: View,
     caster: RayCaster,
     coarse: RenderedFrame,
     workspace: Workspace,

@@ -77,11 +77,15 @@ class Triage:
     lit_share : float
         Share of pixels of lit ground.
     range_m, resolution_m : float
-        At the frame's centre; NaN without a state.
+        At the frame's centre; NaN without a state. Of a line scan the resolution is that along the
+        detector's line.
     phase_deg, emission_deg : float
         At the frame's centre; NaN where unknown.
     fit : Fit, optional
         Where there are state and shape, and the body is in the frame.
+    corners_deg : tuple of pair
+        East longitude and latitude of the frame's corners on the shape, from the upper left one on
+        with the clock; NaN off the body, empty without a state or a shape.
     flags : tuple of Flag
     """
 
@@ -96,6 +100,7 @@ class Triage:
     phase_deg: float
     emission_deg: float
     fit: Fit | None
+    corners_deg: tuple[tuple[float, float], ...]
     flags: tuple[Flag, ...]
 
     def as_json(self) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from fusion.stages.states.source import (
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera, SpcImage
+from spcola.camera.linescan import LineScanImage
 from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.cameras import read_cameras
 from spcola.formats.images.names import NamedImage, spc_names
@@ -31,6 +32,8 @@ from spcola.formats.solution import (
     write_nominal,
     write_summary,
 )
+from spcola.formats.solution.exact_camera import camera_files
+from spcola.formats.solution.line_scan import write_line_scan
 from spcola.formats.states import Exposure, read_poses
 from spcola.navigation import NominalState, et_from_utc
 from spcola.navigation.states import (
@@ -246,15 +249,21 @@ def compare_with_solution(workspace: Workspace, found: FoundStates) -> list[Stat
 
 
 def write_states(
-    workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState] = ()
+    workspace: Workspace,
+    images: Sequence[SpcImage],
+    nominal: Sequence[NominalState] = (),
+    scans: Sequence[LineScanImage] = (),
 ) -> None:
-    """Write .SUM and .NOM files into the solution of a workspace; a list of images is continued.
+    """Write states into the solution of a workspace; a list of images is continued.
+
+    .SUM and .NOM files, and the files of line scans, which SPC's list does not have.
 
     Parameters
     ----------
     workspace : Workspace
     images : sequence of SpcImage
     nominal : sequence of NominalState
+    scans : sequence of LineScanImage
 
     Raises
     ------
@@ -264,7 +273,7 @@ def write_states(
         If there is a file of an image with other content, or a file cannot be written; then none
         is.
     """
-    _write(workspace, images, nominal)
+    _write(workspace, images, nominal, scans)
     # A list that is not there means all images, and remains so.
     path = workspace.home / _PICTURES
     if path.is_file():
@@ -314,7 +323,10 @@ def _check_new(workspace: Workspace, state: ImageState) -> None:
 
 
 def _write(
-    workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState]
+    workspace: Workspace,
+    images: Sequence[SpcImage],
+    nominal: Sequence[NominalState],
+    scans: Sequence[LineScanImage],
 ) -> None:
     """Write the files of all images; none, if one of them cannot be written."""
     clear_abandoned_folders(workspace.home / "sumfiles")
@@ -332,9 +344,16 @@ def _write(
             made.append((folder / target.name, target))
             with _at(target):
                 write_nominal(made[-1][0], state)
+        for scan in scans:
+            target = workspace.line_scan_path(scan.name)
+            made.append((folder / target.name, target))
+            with _at(target):
+                write_line_scan(made[-1][0], scan)
         for path, target in made:
             _check_same(path, target)
-        for path, target in made:
+        # Named by their content: one that is there is the same, unless it is damaged.
+        cameras = [(path, workspace.home / "SUMFILES" / path.name) for path in camera_files(folder)]
+        for path, target in [*cameras, *made]:
             make_folder(target.parent)
             path.replace(target)
     finally:

@@ -4,7 +4,9 @@ from spcola.imagematching.frames.compare import FrameMatch, compare_frame, silho
 from spcola.imagematching.frames.rendered import (
     CenterView,
     RenderedFrame,
+    View,
     center_view,
+    footprint,
     render_frame,
 )
 
@@ -12,8 +14,10 @@ __all__ = [
     "CenterView",
     "FrameMatch",
     "RenderedFrame",
+    "View",
     "center_view",
     "compare_frame",
+    "footprint",
     "render_frame",
     "silhouette_overlap",
 ]

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ from fusion.pipeline.pipeline import LOCK_FILE
 from fusion.pipeline.solutions import MadeBy, making_solution, solutions_of
 from fusion.runtime.folders import locked
 from fusion.workspace import Workspace, new_workspace
+from spcola.camera import Camera, SpcImage
 from spcola.errors import WorkspaceError
 from spcola.formats.maplets import write_maplet
+from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
 
 BY = MadeBy("a test", {}, {}, {})
@@ -175,3 +178,38 @@ def test_a_crash_while_one_is_made_leaves_none(workspace: Workspace) -> None:
     made(workspace, "one")
     names = {path.name for path in (workspace.root / "solutions").iterdir()}
     assert names == {"one", ".lock"}
+
+
+def test_an_exact_camera_goes_with_its_images(workspace: Workspace, tmp_path: Path) -> None:
+    # Brown's third radial term has no place in a .SUM file.
+    lens = Camera(150.0, [512.5, 512.5], [[71.4, 0, 0], [0, 71.4, 0]], 1024, 1024, "brown",
+                  [-0.2, 0.5, 1e-3, -2e-3, 0.1])  # fmt: skip
+    image = SpcImage("P1", "2019-03-03", lens, [0, 0, 1e5], np.eye(3), [1.0, 0, 0])
+    write_summary(workspace.image_path("P1"), image)
+    (camera_file,) = (workspace.root / "SUMFILES").glob("CAMERA-*.toml")
+    assert workspace.state_files() == [workspace.image_path("P1"), camera_file]
+    with making_solution(workspace, "moved", BY) as folder:
+        nearer = replace(image, camera=replace(lens, center=lens.center + 1.0), scobj=[0, 0, 9e4])
+        write_summary(folder / "SUMFILES" / "P1.SUM", nearer)
+    with making_solution(workspace, "kept", BY) as folder:
+        write_summary(
+            folder / "SUMFILES" / "P1.SUM", replace(image, scobj=[0, 0, 8e4]),
+            like=workspace.image_path("P1"),
+        )  # fmt: skip
+    root, kept = workspace.root, Workspace.open(workspace.root, "kept")
+    assert (kept.home / "SUMFILES" / camera_file.name).samefile(camera_file)
+    assert kept.image("P1").camera.distortion_model == "brown"
+    found = json.loads(run("solution", "diff", root, "imported", "moved", "--json").stdout)
+    assert found["cameras_changed_px"]["p100"] == pytest.approx(np.sqrt(2.0), abs=1e-6)
+    assert found["positions_moved_m"]["p100"] == pytest.approx(1e4)
+    out = tmp_path / "out"
+    (written,) = json.loads(run("solution", "export", root, "kept", out, "--json").stdout)[
+        "cameras"
+    ]
+    assert written["file"] == camera_file.name
+    assert 0.01 < written["rms_px"] < written["largest_px"] < 0.5
+    assert (out / "SUMFILES" / camera_file.name).read_bytes() == camera_file.read_bytes()
+    camera_file.unlink()
+    error = run("solution", "export", root, "imported", tmp_path / "none", code=1).stderr
+    assert "which is not there" in error
+    assert not (tmp_path / "none").exists()

@@ -17,7 +17,10 @@ from fusion.stages.scale.rescaling import usable_epsilon
 from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
+from spcola.camera import Camera
+from spcola.camera.linescan import LineScan, LineScanImage
 from spcola.errors import NotObservableError
+from spcola.formats.solution.line_scan import write_line_scan
 
 
 def run(*arguments, code=0):
@@ -43,6 +46,12 @@ def applied(tmp_path_factory):
     run("truth", "make", root / "M", "--preset", "tiny", "--seed", 3, "--set", "epsilon=0.0025")
     run("init", root / "WS", "--spc", root / "M" / "spc", "--body", "Truth")
     run("import", root / "WS", *sorted((root / "M" / "lidar").iterdir()))
+    camera = Camera(700.0, [200.5, 1.0], [[0, 142.9, 0], [142.9, 0, 0]], 400, 1)
+    scan = LineScan(camera, np.arange(3.0), np.full((3, 3), 500.0), np.tile(np.eye(3), (3, 1, 1)))
+    write_line_scan(
+        Workspace.open(root / "WS").line_scan_path("L1"),
+        LineScanImage("L1", scan, np.array([1.0, 0.0, 0.0])),
+    )
     before = digests(root / "M" / "spc")
     printed = run("scale", root / "WS", "--apply", "--as", "C", "--json")
     return root, json.loads(printed.stdout), before
@@ -64,6 +73,16 @@ def test_the_command_prints_what_it_wrote(applied):
     scale = hashlib.sha256((root / "WS" / "scale.json").read_bytes()).hexdigest()
     assert record.digests == {"scale.json": scale}
     assert datetime.fromisoformat(record.made).tzinfo is not None
+
+
+def test_a_line_scan_is_scaled_and_named_as_not_used(applied):
+    root, content, _ = applied
+    left = content["summary"]["images_not_used"]
+    assert (left["code"], left["images"]) == ("line-scan", ["L1"])
+    factor = 1.0 + content["applied"]["epsilon"]
+    found = scaled(root).line_scan("L1").scan
+    np.testing.assert_allclose(found.positions, 500.0 * factor, rtol=1e-15)
+    np.testing.assert_array_equal(found.times, np.arange(3.0))
 
 
 def test_the_original_is_untouched_and_still_in_use(applied):

@@ -436,6 +436,39 @@ def test_states_and_cameras_of_isd_files(made, tmp_path):
     np.testing.assert_allclose(found.position, [10_000.0, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(found.camera.center, [100.0, 50.0])
     np.testing.assert_allclose(found.sun, [1.0, 0.0, 0.0], atol=1e-9)
+    # A line scanner that flies along −y by 10 m each line: its middle line is that of the frame.
+    ends = [START - 1.0, START + 1.0]
+    isd |= {
+        "name_model": "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL", "image_lines": 5,
+        "detector_center": {"line": 0.0, "sample": 99.5},
+        "line_scan_rate": [[0.5, -0.025, 0.01]],
+        "instrument_position": {
+            "ephemeris_times": ends, "positions": [[1.0, -10.0, 0.0], [-1.0, -10.0, 0.0]],
+        },
+    }  # fmt: skip
+    for name in ("body_rotation", "instrument_pointing"):
+        isd[name] = {
+            **isd[name],
+            "ephemeris_times": ends,
+            "quaternions": 2 * isd[name]["quaternions"],
+        }
+    (tmp_path / "lines.isd").write_text(json.dumps(isd))
+    lines = fits_file(tmp_path / "lines.fit", np.full((5, 200), 7, np.uint16))
+    turned = ["--orientation", "half-turn"]
+    assert "its lines were exposed one after the other" in refusal(
+        "images", made.root, lines, "--states", "isd", *turned
+    )
+    (record,) = content("images", made.root, lines, "--states", "isd")["new"]
+    assert record["state"]["lines"] == 5
+    assert made.image_names() == ["one"]
+    scan = made.line_scan("lines").scan
+    np.testing.assert_allclose(scan.times - START, np.arange(-2, 3) / 100.0, atol=1e-6)
+    np.testing.assert_allclose(scan.positions[:, 0], 10_000.0, atol=1e-3)
+    np.testing.assert_allclose(np.diff(scan.positions[:, 1]), -10.0, atol=1e-3)
+    (seen,) = [one for one in content("images", made.root, "--report")["images"]
+               if one["name"] == "lines"]  # fmt: skip
+    # The box ends at 150 m or, at its top, at 30 m.
+    assert 9_849.0 < seen["range_m"] < 10_000.0
     other = fits_file(tmp_path / "two.fit", np.full((100, 200), 8, np.uint16), 1)
     (remark,) = content("images", made.root, other, "--states", "isd")["remarks"]
     assert "two.fit: has no state" in remark
@@ -476,3 +509,27 @@ def test_a_table_gives_times_for_names(made, tmp_path):
     table.write_text(f"image,et\na_very_long_name,{START}\n")
     (record,) = content("images", made.root, image, "--times", table)["new"]
     assert record["name"] == f"A{int(START):09d}"
+
+
+def test_images_of_a_camera_with_another_distortion_are_looked_at_with_it(given, tmp_path):
+    made = new_workspace(tmp_path / "ws", body="Box", shape=given / "box.obj")
+    # Columns bent by 8 px at the upper and lower edge, as the cube of the line.
+    bent = np.zeros(20)
+    bent[9] = 8.0 / 117.6 / (64.0 / 117.6) ** 3
+    lens = replace(CAMERA, distortion_model="bicubic", distortion=bent)
+    write_cameras(tmp_path / "lens.toml", [Instrument("NAC", lens)])
+    for number in (0, 1):
+        image = replace(image_at(number), camera=lens)
+        frame = 3000.0 * render_frame(RayCaster(shape_of()), image).brightness + 200.0
+        fits_file(tmp_path / f"frame_of_a_mission_{number}.fit", frame.astype(np.uint16), number)
+    camera = ["--poses", given / "poses.csv", "--camera", tmp_path / "lens.toml"]
+    found = content("images", made.root, *sorted(tmp_path.glob("*.fit")), *camera, "--report")
+    (camera_file,) = (made.root / "SUMFILES").glob("CAMERA-*.toml")
+    for record, seen in zip(found["new"], found["images"], strict=True):
+        assert record["camera_fit"]["file"] == camera_file.name
+        assert record["camera_fit"]["largest_px"] > 1.0
+        assert seen["fit"]["given"] > 0.999
+        assert np.abs(seen["fit"]["offset_px"]).max() < 0.1
+    assert read_catalogue(made)[record["name"]].camera_fit == record["camera_fit"]
+    camera_file.unlink()
+    assert f"{camera_file.name}, which is not there" in refusal("images", made.root, "--report")

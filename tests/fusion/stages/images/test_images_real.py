@@ -12,14 +12,17 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.stages.images import Turn
+from fusion.stages.line_scans import line_scans_not_used
 from fusion.workspace import new_workspace
-from spcola.camera import Camera, SpcImage
+from spcola.camera import Camera, SpcImage, project_image
 from spcola.formats.images import open_image
-from spcola.formats.shapes import read_shape
+from spcola.formats.shapes import read_shape, write_icq
 from spcola.formats.states import read_isis_states
 from spcola.imagematching.frames import compare_frame, render_frame
 from spcola.shape import RayCaster
+from spcola.shape.icq import IcqShape, icq_directions
 
+MOON = 1_737_400.0
 pytestmark = pytest.mark.real_data
 
 NAVCAM = """[NAVCAM]
@@ -34,6 +37,17 @@ def content(*arguments):
     result = CliRunner().invoke(app, [*map(str, arguments), "--json"])
     assert result.exit_code == 0, result.output + result.stderr
     return json.loads(result.stdout)
+
+
+def directions_of(path):
+    """Unit vectors (4, 3) of a cube's footprint's corners: its ring has five steps a side."""
+    label = path.read_bytes()[:65536].decode("latin-1")
+    words = r"Object = Polygon\s+Name\s+= Footprint\s+StartByte = (\d+)\s+Bytes\s+= (\d+)"
+    begin, size = (int(group) for group in re.search(words, label).groups())
+    text = path.read_bytes()[begin - 1 : begin - 1 + size].decode("ascii")
+    ring = re.search(r"\(\(\((.*?)\)\)\)", text)[1].split(",")[:20:5]
+    lon, lat = np.radians([[float(word) for word in point.split()] for point in ring]).T
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
 
 
 @pytest.fixture(scope="module")
@@ -133,19 +147,78 @@ def test_a_sun_in_another_frame_is_noticed_at_vesta(shared_data, tmp_path):
     assert [one["flags"] for one in found["images"]] == [["unmatched"]] * 4
 
 
-def test_cubes_of_apollo_and_the_moon_come_in_without_cameras(shared_data, tmp_path):
-    made = new_workspace(tmp_path / "ws", body="Moon")
+def test_cubes_of_apollo_come_in_with_their_cameras(shared_data, tmp_path):
+    write_icq(tmp_path / "moon.txt", IcqShape(MOON * icq_directions(48)), digits=9)
+    made = new_workspace(tmp_path / "ws", body="Moon", shape=tmp_path / "moon.txt")
     cubes = sorted((shared_data / "apollo15").glob("*.cub"))
-    found = content("images", made.root, *cubes)
-    assert len(found["new"]) == 3
+    found = content("images", made.root, *cubes, "--states", "label", "--report")
     assert len({one["name"] for one in found["new"]}) == 3
-    scan = shared_data / "isis_cubes" / "M143947267L.cal.echo.crop.cub"
-    assert len(content("images", made.root, scan)["new"]) == 1
-    result = CliRunner().invoke(
-        app, ["images", str(made.root), str(scan), "--states", "label", "--camera", "x.toml"]
+    for record, seen, path in zip(found["new"], found["images"], cubes, strict=True):
+        fit = record["camera_fit"]
+        assert fit["model"] == "hasselblad"
+        assert fit["rms_px"] < 0.03
+        assert 0.01 < fit["largest_px"] < 0.2
+        assert (made.root / "SUMFILES" / fit["file"]).is_file()
+        assert (seen["scene"], seen["flags"]) == ("filled", [])
+        assert 100e3 < seen["range_m"] < 140e3
+        assert 125.0 < seen["resolution_m"] < 145.0
+        image = made.image(record["name"])
+        assert image.camera.distortion_model == "hasselblad"
+        # The label used heights of LOLA: each corner may lie on its line of changing height.
+        corners = [[0.5, 0.5], [500.5, 0.5], [500.5, 500.5], [0.5, 500.5]]
+        places = np.array([
+            np.stack(project_image(image, (MOON + up) * directions_of(path)), axis=-1)
+            for up in (0.0, 1000.0)
+        ])  # fmt: skip
+        step = places[1] - places[0]
+        across = np.stack([-step[:, 1], step[:, 0]], axis=1)
+        across /= np.linalg.norm(step, axis=1)[:, None]
+        assert np.abs(((corners - places[0]) * across).sum(axis=1)).max() < 0.01
+
+
+def test_a_line_scan_comes_in_with_a_state_for_each_line(shared_data, tmp_path):
+    write_icq(tmp_path / "moon.txt", IcqShape(MOON * icq_directions(48)), digits=9)
+    made = new_workspace(tmp_path / "ws", body="Moon", shape=tmp_path / "moon.txt")
+    cube = shared_data / "isis_cubes" / "M143947267L.cal.echo.crop.cub"
+    found = content("images", made.root, cube, "--states", "label", "--report")
+    (record,), (seen,) = found["new"], found["images"]
+    assert record["state"] == {
+        "source": "isis", "from": str(cube), "solution": "imported", "lines": 400,
+    }  # fmt: skip
+    image = made.line_scan(record["name"])
+    # The tables begin where the first line does.
+    tables = read_isis_states(cube)
+    line_s = 0.3632e-3 * 1.0045
+    np.testing.assert_allclose(image.scan.times[0] - 0.5 * line_s, tables.span[0], atol=1e-7)
+    np.testing.assert_allclose(np.diff(image.scan.times), line_s, atol=1e-7)
+    state = tables.state("x", image.scan.times[123])
+    np.testing.assert_allclose(image.scan.positions[123], state.position, atol=1e-6)
+    np.testing.assert_allclose(image.scan.axes[123], state.axes, atol=1e-12)
+    # 7 µm at 699.62 mm; the crop lies off the axis, so corners and range follow from the lines.
+    assert seen["scene"] == "filled"
+    assert seen["resolution_m"] == pytest.approx(seen["range_m"] * 7e-3 / 699.62, rel=1e-4)
+    lon, lat = np.radians(np.array(seen["corners_deg"]).T)
+    east = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+    origins, beams = image.rays(
+        np.array([0.5, 400.5, 400.5, 0.5]), np.array([0.5, 0.5] + [400.5] * 2)
     )
-    assert result.exit_code == 1
-    assert "is of a line scanner" in result.stderr
+    away = np.linalg.norm(np.cross(east * MOON - origins, beams), axis=1)
+    assert away.max() < 100.0
+    width = MOON * np.linalg.norm(east[1] - east[0])
+    assert width == pytest.approx(400 * seen["resolution_m"], rel=0.05)
+    # Commands that need one state for an image leave it out, and say so.
+    assert made.image_names() == []
+    shown = content("info", made.root)
+    assert (shown["images"], shown["line_scans"]) == (0, 1)
+    assert content("info", made.line_scan_path(record["name"]))["lines"] == 400
+    (left,) = line_scans_not_used(made).values()
+    assert left["code"] == "line-scan"
+    assert "1 line-scan image has a state for each line" in left["text"]
+    refused = CliRunner().invoke(
+        app, ["images", str(made.root), str(cube), "--poses", "x.csv", "--camera", "x.toml"]
+    )
+    assert refused.exit_code == 1
+    assert "is of a line scanner" in refused.stderr
 
 
 def test_navcam_of_bennu_shows_the_ground_that_its_tables_state(shared_data):
