@@ -28,7 +28,8 @@ SHARED = TESTS.parents[1] / "shared" / "data"
 # shares many with one of them comes later, so that hardly any is compiled twice at the same time.
 LONG = (
     "spcola/heights/test_solver.py",
-    "test_bad_input.py",
+    "bad_input/test_results.py",
+    "bad_input/test_inputs.py",
     "fusion/scaling/test_iteration.py",
     "lidar/adjustment/test_normal_equations.py",
     "fusion/scaling/test_ground.py",

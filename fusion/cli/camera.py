@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from fusion.cli.camera_files import convert
-from fusion.cli.options import JsonOption
+from fusion.cli.options import JsonOption, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
 from spcola.errors import NotObservableError, RejectedResultError, SettingsError
@@ -282,4 +282,4 @@ app.command(
     "convert",
     epilog="Example: spcola camera convert orx_ocams_v07.ti orex_ocams_addendum_v10.ti "
     "--number -64360 --filter PAN --range 750 -o polycam.toml",
-)(guarded(convert))
+)(guarded(with_shared_options(convert)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -203,3 +203,27 @@ def executor_of(workers: int | None, cluster: str) -> Executor:
 def shared_path(path: Path, cluster: str) -> Path:
     """Return a path that is valid for the workers of a cluster in their folder too."""
     return path.absolute() if cluster else path
+
+
+def named_columns(texts: Iterable[str], form: str) -> dict[str, str]:
+    """Return the columns that ``--columns`` names, by what they are.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Such as ``x=X [km]``.
+    form : str
+        For messages: ``NAME=COLUMN``.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one of them is no such pair.
+    """
+    pairs = {}
+    for text in texts:
+        name, sign, column = text.partition("=")
+        if not (sign and name.strip() and column.strip()):
+            raise typer.BadParameter(f"{text!r} is not {form}", param_hint="--columns")
+        pairs[name.strip()] = column.strip()
+    return pairs

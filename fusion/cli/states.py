@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.options import NAIF_NUMBERS, JsonOption, WorkspaceArgument, each_between
+from fusion.cli.options import (
+    NAIF_NUMBERS,
+    JsonOption,
+    WorkspaceArgument,
+    each_between,
+    named_columns,
+)
 from fusion.cli.output import show
 
 if TYPE_CHECKING:
@@ -132,18 +138,16 @@ class PoseOptions:
 
         assert self.poses is not None
         return states_by_poses(
-            workspace, self.poses, columns=self.renamed(), pck=self.pck, body=body.body
+            workspace,
+            self.poses,
+            columns=self.renamed(),
+            pck=self.pck,
+            body=body.body,
         )
 
     def renamed(self) -> dict[str, str]:
         """Return the names of columns by what they are called in the table."""
-        columns = {}
-        for text in self.columns or ():
-            name, sign, column = text.partition("=")
-            if not (name and sign and column):
-                raise typer.BadParameter(f"{text!r} is not NAME=COLUMN", param_hint="--columns")
-            columns[name.strip()] = column.strip()
-        return columns
+        return named_columns(self.columns or (), "NAME=COLUMN")
 
 
 def sumfiles(

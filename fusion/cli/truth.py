@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from fusion.cli.assess import assess
-from fusion.cli.options import JsonOption, WorkersOption
+from fusion.cli.options import JsonOption, WorkersOption, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
 
@@ -121,4 +121,4 @@ app.command("make", epilog="Example: spcola truth make /tmp/bennu --preset bennu
 )
 app.command(
     "assess", epilog="Example: spcola truth assess WS --truth /tmp/bennu --report truth.html"
-)(guarded(assess))
+)(guarded(with_shared_options(assess)))

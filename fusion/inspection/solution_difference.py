@@ -13,9 +13,12 @@ from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera.owen_fit import camera_difference
 from spcola.errors import InvalidValueError
+from spcola.grids import Maplet, MapletGrid
 from spcola.math import Similarity, similarity_between
 
 _PERCENT = (50, 95, 100)
+# Heights of nodes that are further apart than this, in GSD, are not compared.
+_APART = 0.5
 _ROUNDING_PX = 1e-6
 
 
@@ -39,7 +42,7 @@ class SolutionDifference:
         Its part along the normal of the maplet, metres.
     heights : (N,) ndarray
         Standard deviation over a maplet of the change of its heights, metres; NaN where its grid
-        has another size.
+        has other nodes: another number of them, GSD, or direction in its plane.
     positions : (M, 3) ndarray
         Change of the spacecraft positions along Cx, Cy and Cz, metres.
     turns : (M, 3) ndarray
@@ -93,6 +96,7 @@ class SolutionDifference:
             "centers_outward_m": _percentiles(np.abs(self.outward)),
             "centers_left_over_m": _percentiles(np.linalg.norm(self.left_over, axis=1)),
             "heights_changed_m": _percentiles(self.heights),
+            "heights_compared": int(np.isfinite(self.heights).sum()),
             "positions_moved_m": _percentiles(np.linalg.norm(self.positions, axis=1)),
             "cameras_changed_px": _percentiles(self.cameras),
             "pointing_turned_deg": _percentiles(np.degrees(np.linalg.norm(self.turns, axis=1))),
@@ -120,7 +124,7 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
     maplets = _shared(first.maplet_names(), second.maplet_names())
     images = _shared(first.image_names(), second.image_names())
     names = [{*each.maplet_names(), *each.image_names()} for each in (first, second)]
-    rows = [_maplet_change(first, second, name) for name in maplets]
+    rows = [_center_change(first, second, name) for name in maplets]
     centers, moved = (np.array([row[k] for row in rows]).reshape(-1, 3) for k in (0, 1))
     states = [_state_change(first, second, name) for name in images]
     positions, turns = (np.array([row[k] for row in states]).reshape(-1, 3) for k in (0, 1))
@@ -128,10 +132,11 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
         common = similarity_between(centers, centers + moved) if len(rows) > 2 else None
     except InvalidValueError:
         common = None
+    heights = [_height_change(first.maplet(each), second.maplet(each), common) for each in maplets]
     return SolutionDifference(
         first.solution, second.solution, maplets, images,
         tuple(sorted(names[0] - names[1])), tuple(sorted(names[1] - names[0])),
-        centers, moved, np.array([row[2] for row in rows]), np.array([row[3] for row in rows]),
+        centers, moved, np.array([row[2] for row in rows]), np.array(heights),
         positions, turns, np.array([row[2] for row in states]), common,
         _radius_ratio(first, second), _changed_settings(first, second),
     )  # fmt: skip
@@ -148,13 +153,15 @@ def difference_lines(found: SolutionDifference) -> list[str]:
         numbers = ", ".join(f"{values[f'p{p}']:.3g}" for p in _PERCENT)
         return f"  {text} (median, 95 %, largest): {numbers} {unit}"
 
+    left_out = len(found.maplets) - content["heights_compared"]
+    others = f" (not of {left_out} with other grids)" if left_out else ""
     lines = [
         f"{found.second} less {found.first}: {len(found.maplets)} maplets, {len(found.images)} "
         "images in both",
         row("centres moved", "centers_moved_m", "m"),
         row("  along their normals", "centers_outward_m", "m"),
         row("  beyond a common similarity", "centers_left_over_m", "m"),
-        row("heights within a maplet", "heights_changed_m", "m"),
+        row(f"heights within a maplet{others}", "heights_changed_m", "m"),
         row("spacecraft moved", "positions_moved_m", "m"),
         row("pointing turned", "pointing_turned_deg", "°"),
         *([row("cameras changed", "cameras_changed_px", "px")] if found.cameras.any() else []),
@@ -179,18 +186,35 @@ def _shared(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in first if name in there)
 
 
-def _maplet_change(
+def _center_change(
     first: Workspace, second: Workspace, name: str
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Return centre, displacement, its normal part, and the standard deviation of heights."""
-    old, new = first.maplet(name), second.maplet(name)
-    moved = new.grid.center - old.grid.center
-    spread = float("nan")
-    if old.height.shape == new.height.shape:
-        known = old.valid & new.valid
-        change = (new.height - old.height)[known]
-        spread = float(np.std(change)) if change.size else spread
-    return old.grid.center, moved, float(moved @ old.grid.axes[2]), spread
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the centre of a maplet, its displacement, and the part of that along the normal."""
+    old, new = first.maplet(name).grid, second.maplet(name).grid
+    moved = new.center - old.center
+    return old.center, moved, float(moved @ old.axes[2])
+
+
+def _height_change(old: Maplet, new: Maplet, common: Similarity | None) -> float:
+    """Return the standard deviation of the change of heights; NaN if the nodes are others."""
+    if _nodes_apart(old.grid, new.grid, common) > _APART:
+        return float("nan")
+    change = (new.height - old.height)[old.valid & new.valid]
+    return float(np.std(change)) if change.size else float("nan")
+
+
+def _nodes_apart(old: MapletGrid, new: MapletGrid, common: Similarity | None) -> float:
+    """Return how far nodes of equal index are apart at most, in GSD, with the centres as one.
+
+    The old grid is scaled and turned as all centres together are.
+    """
+    if old.half_size != new.half_size:
+        return float("inf")
+    axes, gsd = old.axes, old.gsd
+    if common is not None:
+        axes, gsd = axes @ common.rotation.T, gsd * common.scale
+    edges = (new.gsd * new.axes[:2] - gsd * axes[:2]) @ axes[:2].T
+    return old.half_size / gsd * float(np.linalg.norm(np.abs(edges).sum(axis=0)))
 
 
 def _state_change(

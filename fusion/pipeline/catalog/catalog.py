@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import secrets
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -235,27 +236,49 @@ class Catalog:
             )
 
     def _connect(self, place: str = "") -> None:
-        """Open the data base; an empty one gets its tables and the content of the records."""
-        fresh = bool(place) or not self.path.exists()
+        """Open the data base; a new one gets its tables and the content of the records."""
+        if not place and not self.path.exists():
+            self._create()
         self._base = sqlite3.connect(place or self.path, timeout=10.0)
+        if place:
+            self._fill()
+            return
         found = self._base.execute("PRAGMA user_version").fetchone()[0]
         if found != _SCHEMA_VERSION:
-            if not fresh:
-                raise sqlite3.DatabaseError(f"schema {found}")
-            self._base.executescript(f"{_SCHEMA} PRAGMA user_version = {_SCHEMA_VERSION};")
-        else:
-            try:
-                for table in ("artefact", "input", "kept", "stage", "file"):
-                    self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
-            except UnicodeDecodeError as error:
-                # The module decodes the names of columns, also of a damaged file.
-                raise sqlite3.DatabaseError("damaged") from error
-            if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
-                raise sqlite3.DatabaseError("damaged")
-        if fresh:
-            for record in read_records(self.workspace):
-                self._index(record)
-                self.rebuilt = True
+            raise sqlite3.DatabaseError(f"schema {found}")
+        try:
+            for table in ("artefact", "input", "kept", "stage", "file"):
+                self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
+        except UnicodeDecodeError as error:
+            # The module decodes the names of columns, also of a damaged file.
+            raise sqlite3.DatabaseError("damaged") from error
+        if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
+            raise sqlite3.DatabaseError("damaged")
+
+    def _create(self) -> None:
+        """Make the data base, whole at once: other programs may open it at the same time."""
+        temporary = self.path.with_name(f".{CATALOG_FILE}.{secrets.token_hex(4)}.part")
+        self._base = sqlite3.connect(temporary)
+        try:
+            self._fill()
+            self._base.close()
+            os.link(temporary, self.path)
+        except FileExistsError:
+            # Another program was faster.
+            pass
+        except OSError:
+            # There are no hard links; or a program that works here has removed it as left over.
+            with suppress(FileNotFoundError):
+                temporary.rename(self.path)
+        finally:
+            self._base.close()
+            temporary.unlink(missing_ok=True)
+
+    def _fill(self) -> None:
+        self._base.executescript(f"{_SCHEMA} PRAGMA user_version = {_SCHEMA_VERSION};")
+        for record in read_records(self.workspace):
+            self._index(record)
+            self.rebuilt = True
 
     def _repair(self, error: sqlite3.Error) -> None:
         """Replace a damaged data base by one made from the records.
@@ -269,12 +292,15 @@ class Catalog:
             raise self._refusal(error) from error
         if hasattr(self, "_base"):
             self._base.close()
+        # One that was moved has been replaced by another program.
+        moved = "DBMOVED" in str(getattr(error, "sqlite_errorname", ""))
         try:
-            self.path.unlink(missing_ok=True)
-            self.path.with_name(f"{CATALOG_FILE}-journal").unlink(missing_ok=True)
+            if not moved:
+                self.path.unlink(missing_ok=True)
+                self.path.with_name(f"{CATALOG_FILE}-journal").unlink(missing_ok=True)
         except OSError as failure:
             raise WorkspaceError(f"cannot be replaced ({failure.strerror})", self.path) from failure
-        if not str(error).startswith("schema"):
+        if not moved and not str(error).startswith("schema"):
             self.notes.append(f"{self.path} was damaged; made again from {RECORD_FOLDER}/")
         self._connect()
         self.rebuilt = True

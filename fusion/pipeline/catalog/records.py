@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from fusion.runtime import json_value
+from fusion.runtime import content_digest, json_value
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
@@ -117,9 +116,3 @@ def read_records(workspace: Workspace) -> list[StageRecord]:
     own = {path.stem for path in (workspace.home / RECORD_FOLDER).glob("*.json")}
     found = (read_record(workspace, stage) for stage in sorted(own | set(SHARED_STAGES)))
     return [record for record in found if record is not None]
-
-
-def content_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of JSON content, hexadecimal; the order of keys does not matter."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from fusion.pipeline.catalog.catalog import Catalog
-from fusion.pipeline.catalog.records import content_digest
+from fusion.runtime import content_digest
 from fusion.verdict import Cause, Code, Finding, Severity
 from fusion.workspace import Workspace
 from spcola.arrays import BoolArray, FloatArray

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import spcola
-from fusion.runtime.json_values import json_value
+from fusion.runtime.json_values import content_digest, json_value
 from spcola import atomic
 from spcola.errors import SpcolaError
 
@@ -43,7 +43,7 @@ class Remembered:
         try:
             kept = json.loads((self.folder / _FILE).read_text(encoding="utf-8"))
             content, outside = kept["content"], kept["outside"]
-            sound = kept["digest"] == _digest([content, outside, kept["key"]])
+            sound = kept["digest"] == content_digest([content, outside, kept["key"]])
             if not (sound and kept["key"] == self.key([*_files(self.folder)])):
                 return None
             same = all(_status(path) == stated for path, stated in outside.items())
@@ -70,7 +70,7 @@ class Remembered:
                 return
             others = {str(path): _status(str(path)) for path in outside}
             key, value = self.key(now), json_value(content)
-            digest = _digest([value, others, key])
+            digest = content_digest([value, others, key])
             kept = {"key": key, "outside": others, "content": value, "digest": digest}
             if (self.folder / _FILE).parent.is_dir():
                 atomic.write_text(self.folder / _FILE, json.dumps(kept))
@@ -86,7 +86,7 @@ class Remembered:
         """Return a digest of files, kept items, program and machine."""
         items = [_status(str(path)) for path in sorted((self.folder / _ITEMS).glob("*"))]
         listed = hashlib.sha256("\n".join(files).encode("utf-8", "surrogateescape")).hexdigest()
-        return _digest([listed, items, spcola.__version__, os.cpu_count(), str(self.folder)])
+        return content_digest([listed, items, spcola.__version__, os.cpu_count(), str(self.folder)])
 
 
 def _files(folder: Path) -> Iterator[str]:
@@ -125,8 +125,3 @@ def _status(path: str) -> list[int] | None:
     except OSError:
         return None
     return [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
-
-
-def _digest(content: Any) -> str:
-    text = json.dumps(content, separators=(",", ":"))
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -16,8 +16,8 @@ from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.camera.linescan import LineScan
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
-from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
-from spcola.formats.solution import read_summary
+from spcola.formats.cameras import read_colmap_cameras, read_isd
+from spcola.formats.solution.any_camera import read_camera
 from spcola.formats.states import (
     Exposure,
     read_colmap,
@@ -164,7 +164,7 @@ def find_sightings(
                 "take --states label or isd, or import its pixels without --states",
             )
     candidates, remarks = _FINDERS[choice.kind](workspace, images, choice)
-    camera, thresholds = (None, None) if choice.camera is None else _camera(choice.camera)
+    camera, thresholds = (None, None) if choice.camera is None else read_camera(choice.camera)
     times = {} if choice.times is None else read_times(choice.times, columns={})
     found = {}
     for image in images:
@@ -375,18 +375,6 @@ _FINDERS: dict[StateKind, Callable[[Workspace, Sequence[OpenedImage], StateChoic
     StateKind.ISD: _by_isd,
     StateKind.COLMAP: _by_colmap,
 }
-
-
-def _camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
-    """Return the camera in a .SUM file or a camera file, and the thresholds of the former."""
-    if path.suffix.lower() != ".toml":
-        image = read_summary(path)
-        return image.camera, image.thresholds
-    cameras = read_cameras(path)
-    if len(cameras) > 1:
-        raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
-    (instrument,) = cameras.values()
-    return instrument.camera, None
 
 
 def _named(choice: StateChoice) -> str:

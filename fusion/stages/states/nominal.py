@@ -20,18 +20,17 @@ from fusion.stages.states.source import (
 )
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
-from spcola.camera import Camera, SpcImage
+from spcola.camera import SpcImage
 from spcola.camera.linescan import LineScanImage
 from spcola.errors import InvalidValueError, WorkspaceError
-from spcola.formats.cameras import read_cameras
 from spcola.formats.images.names import NamedImage, spc_names
 from spcola.formats.solution import (
     read_list,
-    read_summary,
     write_list,
     write_nominal,
     write_summary,
 )
+from spcola.formats.solution.any_camera import read_camera
 from spcola.formats.solution.exact_camera import camera_files
 from spcola.formats.solution.line_scan import write_line_scan
 from spcola.formats.states import Exposure, read_poses
@@ -224,8 +223,8 @@ def make_sumfiles(
     states = [options.applied(state) for state in found.states]
     for state in states:
         _check_new(workspace, state)
-    camera, thresholds = _camera(options.camera)
-    images = [state.as_image(camera, thresholds=thresholds) for state in states]
+    camera, thresholds = read_camera(options.camera)
+    images = [state.as_image(camera, thresholds=thresholds or (0, _BRIGHTEST)) for state in states]
     nominal: list[NominalState] = []
     if found.body_rates is not None:
         pairs = zip(states, found.body_rates, strict=True)
@@ -294,18 +293,6 @@ def _middle(exposure: Exposure, source: SpiceSource) -> float:
     if start is None:
         start = clock_time(source.camera.spacecraft, exposure.clock)
     return start + exposure.delay_s
-
-
-def _camera(path: Path) -> tuple[Camera, tuple[int, int]]:
-    """Return the camera in a .SUM file or a camera file, and the thresholds."""
-    if path.suffix.lower() != ".toml":
-        image = read_summary(path)
-        return image.camera, image.thresholds
-    cameras = read_cameras(path)
-    if len(cameras) > 1:
-        raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
-    (instrument,) = cameras.values()
-    return instrument.camera, (0, _BRIGHTEST)
 
 
 def _check_new(workspace: Workspace, state: ImageState) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage, ray
 from spcola.camera.linescan import LineScanImage
-from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.photometry.functions import lunar_lambert
 from spcola.shape import RayCaster
 
 View = SpcImage | LineScanImage
@@ -63,9 +63,10 @@ def render_frame(
     image: View,
     *,
     step: int = 1,
-    function: PhotometricFunction = lunar_lambert,
 ) -> RenderedFrame:
     """Return the shape as the camera of an image sees it, with cast shadows.
+
+    It scatters light as Lommel-Seeliger and Lambert (:func:`lunar_lambert`).
 
     Parameters
     ----------
@@ -75,8 +76,6 @@ def render_frame(
         State and camera; no pixels are needed.
     step : int
         Pixels along a side of a cell; cells that do not fit into the frame are left out.
-    function : callable
-        Photometric function Φ.
     """
     width, height = image.size
     rows, columns = height // step, width // step
@@ -86,9 +85,7 @@ def render_frame(
     hits = caster.cast(origins, beams)
     body = hits.hit
     value = np.zeros(len(beams))
-    value[body] = _brightness(
-        caster, image, hits.points[body], hits.normals[body], beams[body], function
-    )
+    value[body] = _brightness(caster, image, hits.points[body], hits.normals[body], beams[body])
     shape = (rows, columns)
     return RenderedFrame(step, value.reshape(shape), body.reshape(shape))
 
@@ -159,7 +156,6 @@ def _brightness(
     points: FloatArray,
     normals: FloatArray,
     beams: FloatArray,
-    function: PhotometricFunction,
 ) -> FloatArray:
     """Return the brightness (N,) of points; 0 where the Sun does not reach them."""
     cos_incidence = normals @ image.sun
@@ -169,5 +165,5 @@ def _brightness(
     lit = np.flatnonzero(cos_incidence > 0.0)
     starts = points[lit] + _ABOVE * caster.radius * normals[lit]
     lit = lit[~caster.cast(starts, np.broadcast_to(image.sun, starts.shape)).hit]
-    value[lit] = function(cos_incidence[lit], cos_emission[lit], phase[lit])
+    value[lit] = lunar_lambert(cos_incidence[lit], cos_emission[lit], phase[lit])
     return value

@@ -4,48 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from fusion.cli.app import app
 from fusion.inspection.forecasts import Basis, StageForecast, forecast_lines, stage_forecasts
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
 from fusion.runtime.folders import Remembered
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import run_stages
-from fusion.workspace import Workspace, new_workspace
-from lidar.formats.native import write_scan
-from lidar.scans import Scan
-from spcola.formats.maplets import write_maplet
-from spcola.grids import Maplet, MapletGrid
+from fusion.workspace import Workspace
 
 STAGES = ["ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report"]
 
 
-def call(*arguments: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
-
-
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def workspace(under_a_scan) -> Workspace:
     """Six maplets under one scan."""
-    made = new_workspace(tmp_path / "ws", body="Ball")
-    for number in range(6):
-        normal = np.array([np.cos(0.1 * number), np.sin(0.1 * number), 0.0])
-        grid = MapletGrid.facing(60.0 * normal, normal, 0.5, 10)
-        flat = Maplet(f"AA{number:04d}", grid, np.zeros(grid.shape))
-        write_maplet(made.root / "MAPFILES" / f"{flat.name}.MAP", flat)
-    rng = np.random.default_rng(1)
-    longitude, z = rng.uniform(-0.3, 0.8, 30_000), rng.uniform(-0.25, 0.25, 30_000)
-    across = np.sqrt(1.0 - z**2)
-    away = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    write_scan(made.root / "scans" / "one.h5", [Scan.of_points("one", 60.0 * away, body="Ball")])
-    return made
+    return under_a_scan([0.1 * number for number in range(6)])
 
 
 def results(workspace: Workspace) -> list[str]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
-from threading import Event
+from threading import Barrier, Event
 
 import pytest
 
@@ -181,3 +183,19 @@ def test_a_damaged_name_of_a_column_is_mended(workspace: Workspace) -> None:
     assert mended.record("fuse") == record_of(workspace)
     assert "was damaged; made again" in mended.notes[0]
     mended.close()
+
+
+def test_programs_that_open_a_new_catalogue_at_once_share_it(tmp_path: Path) -> None:
+    """One that a reader finds half made would be taken for damaged, and replaced."""
+    for number in range(25):
+        workspace, start = new_workspace(tmp_path / str(number)), Barrier(4)
+
+        def opened(workspace: Workspace = workspace, start: Barrier = start) -> str:
+            start.wait()
+            with closing(Catalog(workspace, read_only=True)) as catalog:
+                return catalog.digest(workspace.root / "spcola.toml") + "".join(catalog.notes)
+
+        with ThreadPoolExecutor(4) as pool:
+            found = [one.result() for one in [pool.submit(opened) for _ in range(4)]]
+        assert len(set(found)) == 1
+        assert not list(workspace.root.glob(".*.part"))
