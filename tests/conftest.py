@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import settings
 
 # Test processes that each start as many threads of BLAS as there are cores wait for each other: one
@@ -15,6 +17,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # No test is timed: on a busy machine any example may take longer than Hypothesis allows.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+# CliRunner builds every command anew for every call, which takes longer than most of the calls.
+typer.testing._get_command = cache(typer.testing._get_command)
 
 TESTS = Path(__file__).resolve().parent
 SHARED = TESTS.parents[1] / "shared" / "data"

@@ -55,13 +55,21 @@ def step_of(record: ImageRecord, cells: int) -> int:
     return max(1, -(-max(record.size) // cells))
 
 
+def reach_of(record: ImageRecord) -> float:
+    """Return how many pixels an image may be displaced from its state."""
+    return _REACH * max(record.size)
+
+
 def match_frame(
     record: ImageRecord, image: View, dn: AnyArray, rendered: RenderedFrame
 ) -> FrameMatch:
     """Compare pixels with a rendering."""
-    reach = _REACH * max(record.size)
-    low = float(image.thresholds[0])
-    return compare_frame(np.ascontiguousarray(dn), rendered, lowest=low, reach_px=reach)
+    return compare_frame(
+        np.ascontiguousarray(dn),
+        rendered,
+        lowest=float(image.thresholds[0]),
+        reach_px=reach_of(record),
+    )
 
 
 @dataclass(frozen=True, eq=False)

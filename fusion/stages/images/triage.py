@@ -18,6 +18,7 @@ from fusion.stages.images.causes import (
     match_frame,
     near,
     pixels_of,
+    reach_of,
     step_of,
 )
 from fusion.stages.images.importing import ITEM_PLACE, ITEM_VERSION
@@ -299,10 +300,8 @@ def _fit(
     # The frame may lie far off its state; then another orientation is no finding, nor is a peak
     # at the border of the search.
     far = max(map(abs, found[best].offset))
-    near = (
-        far <= reach if best is not Turn.AS_STORED else far < 0.5 * max(record.size) - coarse.step
-    )
-    clear = near and scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
+    most = 0.5 * max(record.size) - coarse.step if best is Turn.AS_STORED else reach_of(record)
+    clear = far <= most and scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
     fine = render_frame(caster, image, step=step_of(record, _FINE))
     chosen = match(best if clear else Turn.AS_STORED, fine)
     return Fit(

@@ -225,7 +225,7 @@ def test_kernels_locate_returns_on_a_cluster_to_the_same_bits(tmp_path: Path) ->
     spice = kernels(tmp_path, [0.3, 0.0, 0.0])
     here = heights(tmp_path / "here", found, spice=spice)
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         executor = ClusterExecutor(str(cluster.scheduler_address))
         there = heights(tmp_path / "there", found, executor, spice=spice)

@@ -281,7 +281,7 @@ class Runs(RuleBasedStateMachine):
 @pytest.fixture
 def executors() -> Iterator[None]:
     with LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
     ) as cluster:
         remote = ClusterExecutor(str(cluster.scheduler_address))
         Runs.executors = {"threads": ThreadExecutor(WORKERS), "cluster": remote}

@@ -38,7 +38,7 @@ from spcola.grids import Maplet, MapletGrid
 def address() -> Iterator[str]:
     """The scheduler of a cluster of two processes."""
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         yield str(cluster.scheduler_address)
 

@@ -15,6 +15,7 @@ from spcola.math import lattice
 from spcola.shape import Mesh, RayCaster
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.truth.body import BOULDER, BodySettings, TruthBody
+from spcola.truth.body.relief import PowerLaw
 from spcola.truth.solid import FineSite, SolidBody, SolidSettings
 from spcola.truth.solid.overhangs import Cliff, UndercutBoulder
 from spcola.truth.solid.refining import SmoothMesh, refined
@@ -261,7 +262,8 @@ def test_a_fine_site_has_rocks_and_albedo_at_its_scale() -> None:
 def test_a_base_may_have_several_radii_itself(shared_data: Path) -> None:
     """The two lobes of 67P; a boulder on them is as undercut as on a sphere."""
     base = read_shape(shared_data / "rosetta_67p" / "navcam" / "67p-4k.obj")
-    settings = BodySettings(seed=1, radius=base.mean_radius)
+    # Millions of pebbles, as on a small body, would hardly be seen at this spacing.
+    settings = BodySettings(seed=1, radius=base.mean_radius, boulders=PowerLaw(1e4, 2.7, 4.0, 10.0))
     solid = replace(PLAIN, spacing=200.0, boulders=2, smallest=300.0, largest=400.0)
     body = SolidBody(settings, solid, base=base)
     assert is_closed(body.surface_mesh.facets)

@@ -42,7 +42,7 @@ def mission(tmp_path_factory, one_scan) -> tuple[Path, Planted]:
 
 def run(folder: Path, *options: object) -> dict[str, Any]:
     words = ["truth", "assess", folder / "WS", "--truth", folder / "mission", *options, "--json"]
-    words += ["--vertices", 4000]
+    words += ["--vertices", 2000]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout)

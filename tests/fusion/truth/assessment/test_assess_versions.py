@@ -48,7 +48,7 @@ def mission(tmp_path_factory, one_scan) -> tuple[Path, Planted]:
 
 def run(folder: Path, solution: str, *options: object, code: int = 0) -> Any:
     words = ["truth", "assess", folder / "WS", "--truth", folder / "mission"]
-    words += ["--vertices", 2000, "--patches", 12, "--solution", solution, *options]
+    words += ["--vertices", 1000, "--patches", 12, "--solution", solution, *options]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == code, result.output
     return result
