@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from fusion.pipeline.changed_files import Changed
 from fusion.pipeline.items import ItemStore
 from fusion.pipeline.subset import Subset
 from fusion.runtime import AHEAD, Executor, Progress
+from fusion.runtime.remaining import Timed
 from fusion.verdict import Finding
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
@@ -126,13 +126,8 @@ class StageContext:
         `sizes` is the work in each item, in any unit: the time that is left follows from it. At
         most `ahead` results per worker wait to be taken.
         """
-
-        def timed(item: Item) -> tuple[Result, float]:
-            begun = time.monotonic()
-            return function(item), time.monotonic() - begun
-
         with self.progress.items(title, sizes, self.executor.workers) as task:
-            for result, seconds in self.executor.stream(timed, items, ahead=ahead):
+            for result, seconds in self.executor.stream(Timed(function), items, ahead=ahead):
                 task.advance_one(seconds)
                 yield result
 

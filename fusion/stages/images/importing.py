@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import spcola
 from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import clear_leftovers, locked, make_folder
+from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
 from fusion.stages.images.doubts import StateDoubt, find_doubts
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
@@ -268,18 +268,12 @@ def _all_pixels(
     facts = {}
     sizes = [float(one.image.size[0] * one.image.size[1]) for one in planned]
     with progress.items("images", sizes, executor.workers) as task:
-        for name, seconds, found in executor.stream(partial(_timed, bring), planned):
-            facts[name] = found
+        done = executor.stream(Timed(bring.image), planned)
+        for one, (found, seconds) in zip(planned, done, strict=True):
+            facts[one.name] = found
             task.advance_one(seconds)
     store.remove_unused(begun)
     return facts
-
-
-def _timed(bring: _Bringing, one: _Planned) -> tuple[str, float, PixelFacts]:
-    """Return the name, the seconds that the work took, and its result."""
-    begun = time.perf_counter()
-    facts = bring.image(one)
-    return one.name, time.perf_counter() - begun, facts
 
 
 @dataclass(frozen=True, eq=False)

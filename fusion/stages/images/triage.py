@@ -11,6 +11,7 @@ import numpy as np
 
 from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
+from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import catalogue_path, read_catalogue
 from fusion.stages.images.causes import (
     COARSE,
@@ -104,9 +105,8 @@ def triage_images(
     work = _Work(workspace, caster, digest, store)
     found = []
     with (progress or Progress()).items("triage", sizes, executor.workers) as task:
-        for seconds, one in executor.stream(
-            work.timed, [records[name] for name in sorted(records)]
-        ):
+        named = [records[name] for name in sorted(records)]
+        for one, seconds in executor.stream(Timed(work.triage), named):
             found.append(one)
             task.advance_one(seconds)
     store.remove_unused(begun)
@@ -176,9 +176,8 @@ class _Work:
     shape: str
     store: ItemStore
 
-    def timed(self, record: ImageRecord) -> tuple[float, Triage]:
-        """Return seconds and result."""
-        begun = time.perf_counter()
+    def triage(self, record: ImageRecord) -> Triage:
+        """Return what an image shows: the kept result, or a new one."""
         path, scan = (
             self.workspace.image_path(record.name), self.workspace.line_scan_path(record.name)
         )  # fmt: skip
@@ -194,8 +193,7 @@ class _Work:
         def triage(*_inputs: Any) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
-        result = self.store.result(triage, record, state, camera, self.shape)
-        return time.perf_counter() - begun, result
+        return self.store.result(triage, record, state, camera, self.shape)
 
 
 def _triage(
