@@ -40,7 +40,7 @@ LONG = (
     "fusion/cli/test_cli.py",
     "fusion/registration/test_direct.py",
     "fusion/registration/test_search.py",
-    "fusion/geolocation/test_locating.py",
+    "fusion/scene/geolocation/test_locating.py",
     "spcola/imagematching/test_image_match.py",
 )
 

@@ -119,8 +119,8 @@ def _facts(source: PointSource) -> dict[str, Any]:
 
 def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
     """Return what people read: the transform, where it moves the ground, the verdict."""
+    from fusion.estimation.verdict import verdict_lines
     from fusion.report.layout import number_text
-    from fusion.verdict import verdict_lines
 
     def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
         parts = [

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fusion.verdict import verdict_lines
+from fusion.estimation.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:

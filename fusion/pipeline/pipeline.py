@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import SHARED_STAGES, StageRecord
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
@@ -25,7 +26,6 @@ from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
 from fusion.runtime.folders import make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
 from fusion.runtime.processes import check_interrupts
-from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import IMPORTED, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fusion.estimation.verdict import Finding
 from fusion.pipeline.catalog.records import StageRecord
 from fusion.pipeline.changed_files import Changed
 from fusion.pipeline.items import ItemStore
 from fusion.pipeline.subset import Subset
 from fusion.runtime import AHEAD, Executor, Progress
 from fusion.runtime.remaining import Timed
-from fusion.verdict import Finding
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
 from spcola.arrays import FloatArray

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
-from fusion.verdict import Finding, Verdict
+from fusion.estimation.verdict import Finding, Verdict
 
 State = Literal["ran", "up to date", "cannot run"]
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from fusion.estimation.verdict import JUDGEMENTS, Code, Finding, Severity
 from fusion.report.data import ReportData
 from fusion.report.layout import html_table, number_text
 from fusion.report.layout.html import TEXT_CELL, html_list
-from fusion.verdict import JUDGEMENTS, Code, Finding, Severity
 
 # Coverage and correlation are printed to two digits.
 _SHARE = 0.1

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.fusing import FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.fusing.uncertainty import SlopeInformation
@@ -16,7 +17,6 @@ from fusion.pipeline import Stage, StageContext, StageResult, find_table, with_k
 from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
 from fusion.stages.line_scans import line_scans_not_used
-from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings

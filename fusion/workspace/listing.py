@@ -46,7 +46,19 @@ def visible_names(folder: Path, suffix: str = "") -> list[str]:
 
 
 def visible_files(folder: Path, suffix: str = "") -> list[Path]:
-    """Return the files of :func:`visible_names`."""
+    """Return the visible files of a folder, sorted; none where there is no folder.
+
+    Parameters
+    ----------
+    folder : Path
+    suffix : str
+        Such as ".MAP": only these; by default all.
+
+    Raises
+    ------
+    WorkspaceError
+        See :func:`visible_names`.
+    """
     return [folder / name for name in visible_names(folder, suffix)]
 
 

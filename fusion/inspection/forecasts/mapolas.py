@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.timing import Sample, timed_sample
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
 from fusion.runtime.machine import PROGRAM_BYTES
+from fusion.scene.geolocation import ReturnSource
 from fusion.stages.mapolas import compared_grids
 from lidar.gridding import Gridding, grid_returns
 from spcola.arrays import IntArray

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fusion.geolocation import ReturnSource
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.timing import NotingStore, Sample, timed_sample
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
 from fusion.runtime import ThreadExecutor
 from fusion.scene import surface_reference
+from fusion.scene.geolocation import ReturnSource
 from fusion.stages.register import ImageScene, Matcher
 from fusion.surfacematch import MatchOptions
 from fusion.workspace.settings.processing import RegisterSettings

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.bodies import align_bodies
 from fusion.registration.clouds.clouds import register_clouds
 from fusion.registration.clouds.composed import composed
@@ -17,7 +18,6 @@ from fusion.registration.clouds.not_aligned import NotAlignedError, refusal
 from fusion.registration.direct import DirectRegistration
 from fusion.registration.search import UNITS
 from fusion.registration.transform import PARAMETERS, KnownTransform, Model
-from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_shape
 from spcola.errors import InvalidValueError, NotObservableError, RejectedResultError
 from spcola.math import Affine

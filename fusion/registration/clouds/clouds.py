@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.cloud_grid import grid_cloud
 from fusion.registration.clouds.level import HALF_SMOOTH, CloudOptions, Level
 from fusion.registration.clouds.not_aligned import NotAlignedError
@@ -20,7 +21,6 @@ from fusion.registration.judging.common_ground import (
     common_relief,
 )
 from fusion.registration.judging.judging import judge_relief
-from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid

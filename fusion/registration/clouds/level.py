@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from fusion.estimation.verdict import Code
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
 from fusion.registration.clouds.not_aligned import NotAlignedError
@@ -25,7 +26,6 @@ from fusion.registration.transform.parameters import (
     natural_sizes,
     updated_transform,
 )
-from fusion.verdict import Code
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid

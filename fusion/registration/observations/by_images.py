@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch import Match
-from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.control.estimation import LandmarkSolution, state_partials
 from spcola.errors import NotObservableError

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.observation import (
     ScaleObservations,
     TrajectorySource,
@@ -16,7 +17,6 @@ from fusion.scaling.geometry.frames import PairFrame, PairOptions, UnpairedImage
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
 from fusion.surfacematch import Match, Surface, match_surfaces
 from fusion.surfacematch.resolution import estimate_blur
-from fusion.verdict import Cause
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
 from lidar.scans import Returns
 from spcola.arrays import FloatArray

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource, advice_on_unplaced, return_paths
 from fusion.pipeline import Stage, StageContext, StageResult, with_kept
 from fusion.runtime.machine import check_grid
+from fusion.scene.geolocation import ReturnSource, advice_on_unplaced, return_paths
 from fusion.stages.line_scans import line_scans_not_used, no_images
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
 from fusion.workspace import SETTINGS_FILE, Workspace

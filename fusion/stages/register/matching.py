@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
 from fusion.pipeline.items import ItemStore
 from fusion.registration.results import GivenRegistration
 from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.runtime.machine import check_grid
 from fusion.scene import Reference, surface_reference
+from fusion.scene.geolocation import ReturnSource
 from fusion.surfacematch import Match, MatchOptions, Surface, match_surfaces
 from fusion.surfacematch.resolution import (
     NoiseSpectrum,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusion.geolocation import ReturnSource, return_paths
+from fusion.estimation.verdict import Verdict
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.fit import (
     FitOptions,
@@ -34,13 +34,13 @@ from fusion.registration.results import (
     with_old_keys,
 )
 from fusion.scene import surface_reference
+from fusion.scene.geolocation import ReturnSource, return_paths
 from fusion.stages.line_scans import line_scans_not_used
 from fusion.stages.register.acceptance import evidence_of, other_frames, unregistered, with_verdict
 from fusion.stages.register.imaging import imaged_mapolas, landmark_files
 from fusion.stages.register.matching import Matched, check_usable, match_mapolas
 from fusion.stages.register.scan_fits import ScanRegistration
 from fusion.surfacematch import Match
-from fusion.verdict import Verdict
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings

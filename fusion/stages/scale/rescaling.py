@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from fusion.estimation.verdict import Code, Verdict
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.solutions import MadeBy, free_name, making_solution, solution_files
 from fusion.runtime import Progress, json_value
-from fusion.verdict import Code, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import BodySettings
 from spcola.control import (

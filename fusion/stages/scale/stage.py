@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fusion.geolocation import return_paths
+from fusion.estimation.verdict import Verdict
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.scaling.judging import consistency, consistency_findings
+from fusion.scene.geolocation import return_paths
 from fusion.stages.ingest import readable_scans
 from fusion.stages.ingest.lidar_files import check_duplicates
 from fusion.stages.line_scans import line_scans_not_used, no_images
 from fusion.stages.scale.pairs import scale_by_pairs
 from fusion.stages.scale.shots import scale_by_shots
-from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings

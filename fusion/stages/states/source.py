@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import spiceypy
 
-from fusion.geolocation import rotations
+from fusion.scene.geolocation import rotations
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import KernelError, SettingsError

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fusion.estimation.verdict import Verdict
 from fusion.pipeline import Pipeline, StageContext, StageResult
 from fusion.runtime import ThreadExecutor
-from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
 from fusion.workspace.settings.processing import FuseSettings, MapolaSettings, RegisterSettings

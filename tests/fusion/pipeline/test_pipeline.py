@@ -8,10 +8,10 @@ import os
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline import StageContext
 from fusion.pipeline.pipeline import SCRATCH_FOLDER
 from fusion.runtime.folders import LOCK_FILE
-from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.processing import FuseSettings

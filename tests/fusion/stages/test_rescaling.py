@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from command_line import call
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.stages.scale.rescaling import usable_epsilon
-from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
 from spcola.camera import Camera

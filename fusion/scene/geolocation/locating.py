@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.geolocation.kernels import kernel_paths, kernel_place
+from fusion.scene.geolocation.kernels import kernel_paths, kernel_place
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings

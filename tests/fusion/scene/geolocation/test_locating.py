@@ -14,11 +14,11 @@ from distributed import LocalCluster
 from kernel_files import spk
 from scipy.spatial import KDTree
 
-from fusion.geolocation import located_store, return_paths
-from fusion.geolocation.kernels import kernel_paths
-from fusion.geolocation.locating import geolocator, spin_change
 from fusion.pipeline import Pipeline
 from fusion.runtime import ClusterExecutor, Executor, ThreadExecutor
+from fusion.scene.geolocation import located_store, return_paths
+from fusion.scene.geolocation.kernels import kernel_paths
+from fusion.scene.geolocation.locating import geolocator, spin_change
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
