@@ -74,7 +74,9 @@ def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:
     """Return a line for each number, word or short list in `summary`; long tables are counted."""
     lines = []
     for key, value in summary.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping | list | tuple) and not value:
+            lines.append(f"{indent}{key}: none")
+        elif isinstance(value, Mapping):
             inner = value_lines(value, indent + "  ")
             short = len(inner) <= MANY_LINES
             lines += [f"{indent}{key}:", *inner] if short else [f"{indent}{key}: {_entries(value)}"]
