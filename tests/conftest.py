@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import settings
 
 # Test processes that each start as many threads of BLAS as there are cores wait for each other: one
@@ -16,6 +18,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
+# CliRunner builds every command anew for every call, which takes longer than most of the calls.
+typer.testing._get_command = cache(typer.testing._get_command)
+
 TESTS = Path(__file__).resolve().parent
 SHARED = TESTS.parents[1] / "shared" / "data"
 # Files that take long are started first: the last ones are short, and all cores end together. Where
@@ -23,7 +28,8 @@ SHARED = TESTS.parents[1] / "shared" / "data"
 # shares many with one of them comes later, so that hardly any is compiled twice at the same time.
 LONG = (
     "spcola/heights/test_solver.py",
-    "test_bad_input.py",
+    "bad_input/test_results.py",
+    "bad_input/test_inputs.py",
     "fusion/scaling/test_iteration.py",
     "lidar/adjustment/test_normal_equations.py",
     "fusion/scaling/test_ground.py",
@@ -34,7 +40,7 @@ LONG = (
     "fusion/cli/test_cli.py",
     "fusion/registration/test_direct.py",
     "fusion/registration/test_search.py",
-    "fusion/geolocation/test_locating.py",
+    "fusion/scene/geolocation/test_locating.py",
     "spcola/imagematching/test_image_match.py",
 )
 

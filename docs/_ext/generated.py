@@ -30,7 +30,7 @@ from fusion.workspace.settings.ranges import range_text
 from fusion.registration.results.keys import REGISTRATION_KEYS
 from fusion.scaling.results.keys import SCALE_KEYS
 from fusion.workspace.settings.settings import Settings, table_models
-from fusion.verdict import Cause, Code
+from fusion.estimation.verdict import Cause, Code
 
 MARKER = re.compile(r"^% generated: (\w+)$", re.MULTILINE)
 API = "reference/api"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,8 +15,45 @@ from spcola.errors import RejectedResultError
 
 if TYPE_CHECKING:
     from fusion.inspection.points import PointSource
+    from fusion.registration.clouds import AlignOptions
 
 _UNIT = "Unit of the coordinates of {}, if its file states none; by default km of shapes, else m."
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Which transform is searched, and how."""
+
+    model: Annotated[
+        Literal["rigid", "similarity", "affine"],
+        typer.Option(help="Rotation and translation; with a scale; or any linear map."),
+    ] = "similarity"
+    capture: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            min=1e-6,
+            max=1e7,
+            help="Largest displacement that is searched, metres; by default a tenth of the "
+            "smaller size.",
+        ),
+    ] = None
+    gsd: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            min=1e-6,
+            max=1e7,
+            help="Step of the grids on which the two are compared, metres; by default that of "
+            "their points, nodes and facets.",
+        ),
+    ] = None
+
+    def chosen(self, finest_m: float) -> AlignOptions:
+        """Return the options; `finest_m` is the step that the two resolve, metres."""
+        from fusion.registration.clouds import AlignOptions
+
+        return AlignOptions(self.model, self.capture or 0.0, self.gsd or finest_m)
 
 
 def align(
@@ -23,26 +61,7 @@ def align(
         Path, typer.Argument(metavar="A", help="The cloud or surface to be moved.")
     ],
     fixed: Annotated[Path, typer.Argument(metavar="B", help="The one that it is moved onto.")],
-    model: Annotated[
-        Literal["rigid", "similarity", "affine"],
-        typer.Option(help="Rotation and translation; with a scale; or any linear map."),
-    ] = "similarity",
-    capture: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M", min=1e-6, max=1e7,
-            help="Largest displacement that is searched, metres; by default a tenth of the "
-            "smaller size.",
-        ),
-    ] = None,
-    gsd: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M", min=1e-6, max=1e7,
-            help="Step of the grids on which the two are compared, metres; by default that of "
-            "their points, nodes and facets.",
-        ),
-    ] = None,
+    search: SearchOptions = SearchOptions(),
     unit_a: Annotated[
         Literal["km", "m"] | None, typer.Option("--unit-a", help=_UNIT.format("A"))
     ] = None,
@@ -70,13 +89,12 @@ def align(
     """
     # The machinery is imported here and not above, so that help comes at once.
     from fusion.inspection.points import check_target, read_points, write_moved
-    from fusion.registration.clouds import AlignOptions, align_clouds
+    from fusion.registration.clouds import align_clouds
 
     one, two = read_points(moving, unit=unit_a), read_points(fixed, unit=unit_b)
     if out is not None:
         check_target(one, out)
-    step = gsd or max(one.resolution_m, two.resolution_m)
-    options = AlignOptions(model, capture or 0.0, step)
+    options = search.chosen(max(one.resolution_m, two.resolution_m))
     found = align_clouds(one.points, two.points, options=options)
     obstacle = found.verdict.obstacle(accept or ())
     content = {"a": _facts(one), "b": _facts(two), **found.as_json(), "out": None}
@@ -101,8 +119,8 @@ def _facts(source: PointSource) -> dict[str, Any]:
 
 def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
     """Return what people read: the transform, where it moves the ground, the verdict."""
+    from fusion.estimation.verdict import verdict_lines
     from fusion.report.layout import number_text
-    from fusion.verdict import verdict_lines
 
     def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
         parts = [

@@ -14,6 +14,7 @@ from fusion.cli.options import (
     WorkersOption,
     WorkspaceArgument,
     executor_of,
+    named_columns,
     shared_path,
 )
 from fusion.cli.output import show
@@ -75,25 +76,12 @@ def import_(
         raise typer.BadParameter("names one file only", param_hint="--name")
     there = Workspace.open(shared_path(workspace, cluster))
     settings = there.settings()
-    wanted = _columns(columns or [])
-    sources = [
-        LidarFile(shared_path(file, cluster), name, format, wanted, unit, gps_time)
-        for file in files
-    ]
+    parts = (part for text in columns or () for part in text.split(","))
+    form = (format, named_columns(parts, "QUANTITY=COLUMN"), unit, gps_time)
+    sources = [LidarFile(shared_path(file, cluster), name, *form) for file in files]
     workforce, progress = executor_of(workers, cluster), Progress.fitting(silent=as_json)
     done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
-
-
-def _columns(texts: list[str]) -> dict[str, str]:
-    """Parse ``quantity=column`` pairs; one text may have several, separated by commas."""
-    pairs = {}
-    for part in (part for text in texts for part in text.split(",")):
-        quantity, sign, column = part.partition("=")
-        if not (sign and quantity.strip() and column.strip()):
-            raise typer.BadParameter(f"{part!r} is not QUANTITY=COLUMN", param_hint="--columns")
-        pairs[quantity.strip()] = column.strip()
-    return pairs
 
 
 def _line(done: Imported) -> str:

@@ -24,7 +24,7 @@ from fusion.cli import (
     states,
     truth,
 )
-from fusion.cli.options import with_shared_options
+from fusion.cli.options import PanelCommand, with_shared_options
 from fusion.cli.program import guarded
 
 app = typer.Typer(
@@ -65,7 +65,9 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
 )
 
 for _name, _function, _example in COMMANDS:
-    app.command(_name, epilog=f"Example: {_example}")(guarded(with_shared_options(_function)))
+    app.command(_name, cls=PanelCommand, epilog=f"Example: {_example}")(
+        guarded(with_shared_options(_function))
+    )
 app.add_typer(solution.app)
 app.add_typer(truth.app)
 app.add_typer(camera.app)

@@ -20,12 +20,10 @@ if TYPE_CHECKING:
 _Shown = tuple[dict[str, Any], list[str]]
 
 
-def assess(
-    workspace: WorkspaceArgument,
-    truth: Annotated[
-        Path,
-        typer.Option(metavar="DIR", help="The synthetic mission (the folder of its truth.json)."),
-    ],
+@dataclass(frozen=True)
+class ModelOptions:
+    """Which models are assessed."""
+
     model: Annotated[
         list[Path] | None,
         typer.Option(
@@ -33,35 +31,20 @@ def assess(
             help="Another model to assess: .MAP, FITS, GeoTIFF, OBJ, PLY, ICQ, or the folder of a "
             "release. Repeat it for several.",
         ),
-    ] = None,
+    ] = None
     frame: Annotated[
         Literal["spc", "body"],
         typer.Option(
             help="Coordinates of the models of --model: those of the SPC solution (spc), or the "
             "true body-fixed ones, which are the lidar's (body)."
         ),
-    ] = "spc",
+    ] = "spc"
     unit: Annotated[
         Literal["km", "m"], typer.Option(help="Unit of an OBJ or PLY of --model that states none.")
-    ] = "km",
+    ] = "km"
     only: Annotated[
         bool, typer.Option("--only", help="Assess the models of --model, not those of WS.")
-    ] = False,
-    patches: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            min=1,
-            max=1_000_000,
-            help="Most maplets whose heights are compared.",
-        ),
-    ] = 200,
-    vertices: Annotated[
-        int,
-        typer.Option(
-            metavar="N", min=1, max=100_000_000, help="Most vertices of a model in its 3D rms."
-        ),
-    ] = 40_000,
+    ] = False
     solution: Annotated[
         str,
         typer.Option(
@@ -69,11 +52,56 @@ def assess(
             help="Assess this solution, by default the one in use; all: 3D rms, FormU and effort "
             "of every version, in the order in which they were made.",
         ),
-    ] = "",
+    ] = ""
+
+    def check(self) -> None:
+        """Refuse options that contradict each other.
+
+        Raises
+        ------
+        typer.BadParameter
+        """
+        if self.only and not self.model:
+            raise typer.BadParameter("needs --model", param_hint="--only")
+        if self.versions and self.model:
+            raise typer.BadParameter("compares no models of --model", param_hint="--solution all")
+
+    @property
+    def versions(self) -> bool:
+        """Whether all solutions are assessed."""
+        return self.solution == "all"
+
+
+@dataclass(frozen=True)
+class SampleOptions:
+    """How much of a model is compared, and by how many threads."""
+
+    patches: Annotated[
+        int,
+        typer.Option(
+            metavar="N", min=1, max=1_000_000, help="Most maplets whose heights are compared."
+        ),
+    ] = 200
+    vertices: Annotated[
+        int,
+        typer.Option(
+            metavar="N", min=1, max=100_000_000, help="Most vertices of a model in its 3D rms."
+        ),
+    ] = 40_000
+    workers: WorkersOption = None
+
+
+def assess(
+    workspace: WorkspaceArgument,
+    truth: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="The synthetic mission (the folder of its truth.json)."),
+    ],
+    chosen: ModelOptions = ModelOptions(),
+    sample: SampleOptions = SampleOptions(),
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.html", help="Write a page of figures to this file.")
     ] = None,
-    workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare models with the truth of a synthetic mission.
@@ -87,25 +115,23 @@ def assess(
     from fusion.truth.assessment import AssessmentSettings, file_model, workspace_models
     from fusion.workspace import IMPORTED, Workspace
 
-    if only and not model:
-        raise typer.BadParameter("needs --model", param_hint="--only")
-    versions = solution == "all"
-    if versions and model:
-        raise typer.BadParameter("compares no models of --model", param_hint="--solution all")
-    there, planted = (
-        Workspace.open(workspace, IMPORTED if versions else solution),
-        read_truth(truth),
+    chosen.check()
+    name = IMPORTED if chosen.versions else chosen.solution
+    there, planted = Workspace.open(workspace, name), read_truth(truth)
+    settings = AssessmentSettings(
+        patches=sample.patches,
+        vertices=sample.vertices,
+        dark_share=planted.settings.solution.darkness.dark,
     )
-    dark = planted.settings.solution.darkness.dark
-    settings = AssessmentSettings(patches=patches, vertices=vertices, dark_share=dark)
-    work = _Work(
-        planted, there, settings, ThreadExecutor(workers), Progress.fitting(silent=as_json)
-    )
-    if versions:
+    progress = Progress.fitting(silent=as_json)
+    work = _Work(planted, there, settings, ThreadExecutor(sample.workers), progress)
+    if chosen.versions:
         content, lines = work.of_versions(report)
     else:
-        models = [] if only else workspace_models(there)
-        models += [file_model(path, frame=frame, unit=unit) for path in model or []]
+        models = [] if chosen.only else workspace_models(there)
+        models += [
+            file_model(path, frame=chosen.frame, unit=chosen.unit) for path in chosen.model or []
+        ]
         content, lines = work.of_models(models, report)
     if report is not None:
         lines.append(f"report: {report.resolve()}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from fusion.cli.camera_files import convert
-from fusion.cli.options import JsonOption
+from fusion.cli.options import JsonOption, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
 from spcola.errors import NotObservableError, RejectedResultError, SettingsError
@@ -42,7 +42,7 @@ def calibrate(
             metavar="TABLE",
             help="Images: columns image, ra, dec, twist (degrees; from the east to the camera's x, "
             "towards the north); if known vx, vy, vz (km/s, barycentric), sigma (degrees, of an "
-            "attitude that is known) and file (FITS).",
+            "attitude that is known) and file (an image of any format of spcola images).",
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="Camera file to write.")],
@@ -170,7 +170,7 @@ def _frames(
     from spcola.formats.cameras.stars import read_attitudes, read_star_catalogue
 
     sky, nominal = read_star_catalogue(catalogue), read_attitudes(attitudes)
-    measured = _measured(nominal, stars)
+    measured = _measured(nominal, stars, camera)
     frames: list[StarFrame] = []
     left_out: dict[str, str] = {}
     for name, attitude in nominal.items():
@@ -195,7 +195,7 @@ def _frames(
 
 
 def _measured(
-    attitudes: dict[str, NominalAttitude], stars: Path | None
+    attitudes: dict[str, NominalAttitude], stars: Path | None, camera: Camera
 ) -> dict[str, StarPositions]:
     """Return measured positions by image: of a table, or found in the images."""
     from spcola.camera.stars import find_stars
@@ -208,7 +208,8 @@ def _measured(
         raise SettingsError(
             "no --stars are given, and the attitudes' table has no column file", "stars"
         )
-    return {name: find_stars(read_star_image(file)) for name, file in files.items()}
+    size = (camera.width, camera.height)
+    return {name: find_stars(read_star_image(file, size=size)) for name, file in files.items()}
 
 
 def _content(solved: StarCalibration, nominal: Camera, start: list[float]) -> dict[str, Any]:
@@ -282,4 +283,4 @@ app.command(
     "convert",
     epilog="Example: spcola camera convert orx_ocams_v07.ti orex_ocams_addendum_v10.ti "
     "--number -64360 --filter PAN --range 750 -o polycam.toml",
-)(guarded(convert))
+)(guarded(with_shared_options(convert)))

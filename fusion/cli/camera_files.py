@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +18,141 @@ if TYPE_CHECKING:
 _ISD = (".isd", ".json")
 
 
+@dataclass(frozen=True)
+class SourceOptions:
+    """What the files do not state, by their format."""
+
+    number: Annotated[
+        int | None,
+        typer.Option(metavar="N", **NAIF_NUMBERS, help="Kernels: NAIF number, such as -64361."),
+    ] = None
+    variant: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            **NAIF_NUMBERS,
+            help="Kernels: number of a filter or focus position that comes first.",
+        ),
+    ] = None
+    filter: Annotated[
+        str, typer.Option(metavar="NAME", help="Kernels: suffix of a filter's keywords, as PAN.")
+    ] = ""
+    first_pixel: Annotated[
+        int,
+        typer.Option(min=0, max=1, help="Kernels: what BORESIGHT_SAMPLE calls the first pixel."),
+    ] = 1
+    size: Annotated[
+        tuple[int, int] | None,
+        typer.Option(
+            metavar="SAMPLES LINES",
+            callback=each_between(1, 200_000),
+            help="Kernels: size, if they do not state it.",
+        ),
+    ] = None
+    optical_axis: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="PIXEL LINE",
+            callback=each_between(-1e6, 1e6),
+            help="ISD: optical axis, if it is not stated.",
+        ),
+    ] = None
+    summing: Annotated[
+        float | None,
+        typer.Option(min=1e-3, max=1e3, help="ISD: detector pixels in a pixel, if it is wrong."),
+    ] = None
+    pixel_mm: Annotated[
+        float, typer.Option(min=1e-6, max=10.0, help="COLMAP: size of a pixel, millimetres.")
+    ] = 0.01
+
+    def read(self, files: list[Path]) -> list[Instrument]:
+        """Return the instruments of files of one format.
+
+        Raises
+        ------
+        SettingsError
+            If the format is not known, or a kernel has no number of an instrument.
+        """
+        from spcola.camera.instrument import Instrument
+        from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
+        from spcola.spice.instruments import read_instrument_kernels
+
+        first = files[0]
+        ending = first.suffix.lower()
+        if self.number is not None:
+            return [
+                read_instrument_kernels(
+                    files,
+                    self.number,
+                    variant=self.variant,
+                    filter=self.filter,
+                    first_pixel=self.first_pixel,
+                    size=self.size,
+                )
+            ]
+        if len(files) > 1 or ending == ".ti":
+            raise SettingsError(
+                "kernels have many instruments", first, "give --number, such as -64361"
+            )
+        if ending == ".toml":
+            return list(read_cameras(first).values())
+        if ending == ".bin":
+            cameras = read_colmap_cameras(first, pixel_mm=self.pixel_mm)
+            return [Instrument(str(key), camera) for key, camera in cameras.items()]
+        if ending in _ISD:
+            sensor = read_isd(first, optical_axis=self.optical_axis, summing=self.summing)
+            return [Instrument(first.stem, sensor.camera)]
+        raise SettingsError(
+            "is none of .ti, .isd, .json, .bin, .toml", first, "name it by its format"
+        )
+
+
+@dataclass(frozen=True)
+class MomentOptions:
+    """When the camera is as it is written."""
+
+    temperature_c: Annotated[
+        float | None,
+        typer.Option(
+            "--temperature",
+            metavar="C",
+            min=-273.15,
+            max=1e4,
+            help="Write the camera at this temperature.",
+        ),
+    ] = None
+    range_m: Annotated[
+        float | None,
+        typer.Option(
+            "--range",
+            metavar="M",
+            min=1e-3,
+            max=1e15,
+            help="Write the camera focused at this range.",
+        ),
+    ] = None
+    motor: Annotated[
+        float | None,
+        typer.Option(
+            metavar="P", min=-1e6, max=1e6, help="Write the camera at this position of its focus."
+        ),
+    ] = None
+
+    def at(self, found: list[Instrument]) -> tuple[list[Instrument], dict[str, list[str]]]:
+        """Return the cameras as they are then, without their laws, and what was assumed of each."""
+        if self.temperature_c is self.range_m is self.motor is None:
+            return found, {}
+        shots = [
+            one.at(temperature_c=self.temperature_c, range_m=self.range_m, motor=self.motor)
+            for one in found
+        ]
+        pairs = list(zip(found, shots, strict=True))
+        then = [
+            replace(one, camera=shot.camera, temperature=None, focus=None) for one, shot in pairs
+        ]
+        return then, {one.name: [why.value for why in shot.assumed] for one, shot in pairs}
+
+
 def convert(
     files: Annotated[
         list[Path],
@@ -30,77 +165,11 @@ def convert(
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="FILE", help="Camera file to write (TOML).")
     ],
-    number: Annotated[
-        int | None,
-        typer.Option(metavar="N", **NAIF_NUMBERS, help="Kernels: NAIF number, such as -64361."),
-    ] = None,
-    variant: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            **NAIF_NUMBERS,
-            help="Kernels: number of a filter or focus position that comes first.",
-        ),
-    ] = None,
-    filter: Annotated[
-        str, typer.Option(metavar="NAME", help="Kernels: suffix of a filter's keywords, as PAN.")
-    ] = "",
-    first_pixel: Annotated[
-        int,
-        typer.Option(min=0, max=1, help="Kernels: what BORESIGHT_SAMPLE calls the first pixel."),
-    ] = 1,
-    size: Annotated[
-        tuple[int, int] | None,
-        typer.Option(
-            metavar="SAMPLES LINES",
-            callback=each_between(1, 200_000),
-            help="Kernels: size, if they do not state it.",
-        ),
-    ] = None,
-    optical_axis: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            metavar="PIXEL LINE",
-            callback=each_between(-1e6, 1e6),
-            help="ISD: optical axis, if it is not stated.",
-        ),
-    ] = None,
-    summing: Annotated[
-        float | None,
-        typer.Option(min=1e-3, max=1e3, help="ISD: detector pixels in a pixel, if it is wrong."),
-    ] = None,
-    pixel_mm: Annotated[
-        float, typer.Option(min=1e-6, max=10.0, help="COLMAP: size of a pixel, millimetres.")
-    ] = 0.01,
+    source: SourceOptions = SourceOptions(),
     name: Annotated[
         str, typer.Option(metavar="NAME", help="Name of the camera, if there is only one.")
     ] = "",
-    temperature_c: Annotated[
-        float | None,
-        typer.Option(
-            "--temperature",
-            metavar="C",
-            min=-273.15,
-            max=1e4,
-            help="Write the camera at this temperature.",
-        ),
-    ] = None,
-    range_m: Annotated[
-        float | None,
-        typer.Option(
-            "--range",
-            metavar="M",
-            min=1e-3,
-            max=1e15,
-            help="Write the camera focused at this range.",
-        ),
-    ] = None,
-    motor: Annotated[
-        float | None,
-        typer.Option(
-            metavar="P", min=-1e6, max=1e6, help="Write the camera at this position of its focus."
-        ),
-    ] = None,
+    moment: MomentOptions = MomentOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Write cameras of other formats as a camera file.
@@ -112,56 +181,13 @@ def convert(
     # Imported here and not above, so that --help is fast.
     from spcola.formats.cameras import write_cameras
 
-    kernels = {"variant": variant, "filter": filter, "first_pixel": first_pixel, "size": size}
-    isd = {"optical_axis": optical_axis, "summing": summing}
-    found = _read(files, number, kernels, isd, pixel_mm)
+    found = source.read(files)
     if name:
         found = [_renamed(found, name)]
-    assumed: dict[str, list[str]] = {}
-    if not temperature_c is range_m is motor is None:
-        shots = [one.at(temperature_c=temperature_c, range_m=range_m, motor=motor) for one in found]
-        for one, shot in zip(found, shots, strict=True):
-            assumed[one.name] = [reason.value for reason in shot.assumed]
-        found = [
-            replace(one, camera=shot.camera, temperature=None, focus=None)
-            for one, shot in zip(found, shots, strict=True)
-        ]
+    found, assumed = moment.at(found)
     write_cameras(out, found, remarks=[f"from {', '.join(path.name for path in files)}"])
     content = {"cameras": [_content(one, assumed.get(one.name, [])) for one in found]}
     show(content | {"out": str(out)}, [*_lines(content["cameras"]), str(out)], as_json=as_json)
-
-
-def _read(
-    files: list[Path],
-    number: int | None,
-    kernels: dict[str, Any],
-    isd: dict[str, Any],
-    pixel_mm: float,
-) -> list[Instrument]:
-    """Return the instruments of files of one format.
-
-    Raises
-    ------
-    SettingsError
-        If the format is not known, or a kernel has no number of an instrument.
-    """
-    from spcola.camera.instrument import Instrument
-    from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
-    from spcola.spice.instruments import read_instrument_kernels
-
-    first = files[0]
-    if number is not None:
-        return [read_instrument_kernels(files, number, **kernels)]
-    if len(files) > 1 or first.suffix.lower() == ".ti":
-        raise SettingsError("kernels have many instruments", first, "give --number, such as -64361")
-    if first.suffix.lower() == ".toml":
-        return list(read_cameras(first).values())
-    if first.suffix.lower() == ".bin":
-        cameras = read_colmap_cameras(first, pixel_mm=pixel_mm)
-        return [Instrument(str(key), camera) for key, camera in cameras.items()]
-    if first.suffix.lower() in _ISD:
-        return [Instrument(first.stem, read_isd(first, **isd).camera)]
-    raise SettingsError("is none of .ti, .isd, .json, .bin, .toml", first, "name it by its format")
 
 
 def _renamed(found: list[Instrument], name: str) -> Instrument:

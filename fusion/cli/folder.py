@@ -95,13 +95,14 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
     from fusion.runtime.folders import Remembered
 
     remembered = Remembered(path)
-    if found := remembered.find():
+    before = remembered.listing()
+    if found := remembered.find(before):
         return found["content"], found["lines"]
     from fusion.inspection import describe_workspace, outside_files
     from fusion.inspection.forecasts import forecast_json, forecast_lines, stage_forecasts
     from fusion.workspace import Workspace
 
-    opened, files = Workspace.open(path), remembered.files()
+    opened = Workspace.open(path)
     content, settings = describe_workspace(opened), opened.settings()
     lines = value_lines(content)
     # No forecast for a workspace whose stages refuse it.
@@ -111,5 +112,5 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
         lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(forecasts))]
     details = forecasts["mapolas"].details if forecasts else {}
     content |= {"mapolas_forecast": dict(details), "forecast": forecast_json(forecasts)}
-    remembered.keep(files, {"content": content, "lines": lines}, outside_files(opened, settings))
+    remembered.keep(before, {"content": content, "lines": lines}, outside_files(opened, settings))
     return content, lines

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
 from spcola.errors import SettingsError
 
@@ -69,13 +71,24 @@ FACES_FROM = typer.Option(
 
 
 @dataclass(frozen=True)
-class RunOptions:
-    """Options of all commands that run stages."""
+class WorkOptions:
+    """Options of commands that work on a solution, item by item."""
 
-    force: Annotated[bool, typer.Option("--force", help="Run even if up to date.")] = False
     solution: SolutionOption = ""
     workers: WorkersOption = None
     cluster: ClusterOption = ""
+    wait: Annotated[
+        bool,
+        typer.Option("--wait", help="Wait while another spcola works with the same solution."),
+    ] = False
+    as_json: JsonOption = False
+
+
+@dataclass(frozen=True)
+class RunOptions(WorkOptions):
+    """Options of all commands that run stages."""
+
+    force: Annotated[bool, typer.Option("--force", help="Run even if up to date.")] = False
     accept: AcceptOption = None
     only: Annotated[
         list[str] | None,
@@ -92,11 +105,6 @@ class RunOptions:
             help="Make only items whose centres lie within so many metres of a place, degrees.",
         ),
     ] = ""
-    wait: Annotated[
-        bool,
-        typer.Option("--wait", help="Wait while another spcola works with the same solution."),
-    ] = False
-    as_json: JsonOption = False
 
 
 @dataclass(frozen=True)
@@ -146,33 +154,79 @@ class IsolateOptions:
 def with_shared_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command, instead of a parameter of a class of options, an option for each field.
 
-    Typer reads the options of a command from its signature.
+    Typer reads the options of a command from its signature. A field may be a class of options too.
+    The options of a class with a `panel` stand under that heading in the help.
     """
     hints = get_type_hints(command, include_extras=True)
-    classes: dict[str, Any] = {k: kind for k, kind in hints.items() if is_dataclass(kind)}
     options: dict[str, Parameter] = {}
     for name, parameter in signature(command).parameters.items():
-        options[name] = parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
-        if name in classes:
-            del options[name]
-            types = get_type_hints(classes[name], include_extras=True)
-            for field in fields(classes[name]):
-                options[field.name] = Parameter(
-                    field.name,
-                    Parameter.KEYWORD_ONLY,
-                    default=field.default,
-                    annotation=types[field.name],
-                )
+        if is_dataclass(hints[name]):
+            options |= {option.name: option for option in _options_of(hints[name])}
+        else:
+            options[name] = parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
 
     @wraps(command)
     def called(**given: Any) -> None:
-        for name, kind in classes.items():
-            given[name] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+        for name, kind in hints.items():
+            if is_dataclass(kind):
+                given[name] = _value_of(kind, given)
         command(**given)
 
     called.__annotations__ = {name: option.annotation for name, option in options.items()}
     called.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
     return called
+
+
+def _options_of(kind: Any) -> Iterator[Parameter]:
+    """Yield an option for each field of a class of options."""
+    types = get_type_hints(kind, include_extras=True)
+    panel = getattr(kind, "panel", None)
+    for field in fields(kind):
+        annotation = types[field.name]
+        if is_dataclass(annotation):
+            yield from _options_of(annotation)
+            continue
+        if panel is not None:
+            value, option = get_args(annotation)
+            option = copy(option)
+            option.rich_help_panel = panel
+            annotation = Annotated[value, option]
+        yield Parameter(
+            field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=annotation
+        )
+
+
+def _value_of(kind: Any, given: dict[str, Any]) -> Any:
+    """Return a class of options with the values of a call, which are removed from `given`."""
+    types = get_type_hints(kind)
+    return kind(
+        **{
+            field.name: _value_of(types[field.name], given)
+            if is_dataclass(types[field.name])
+            else given.pop(field.name)
+            for field in fields(kind)
+        }
+    )
+
+
+class PanelCommand(TyperCommand):
+    """A command whose help has its options under headings, in the order of the signature."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then options by their heading."""
+        panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                named = "Arguments" if parameter.param_type_name == "argument" else "Options"
+                panel = getattr(parameter, "rich_help_panel", None) or named
+                panels.setdefault(panel, []).append(record)
+        # What every command has comes last.
+        panels["Options"] = panels.pop("Options")
+        for panel, records in panels.items():
+            if records:
+                with formatter.section(panel):
+                    formatter.write_dl(records)
 
 
 def executor_of(workers: int | None, cluster: str) -> Executor:
@@ -203,3 +257,27 @@ def executor_of(workers: int | None, cluster: str) -> Executor:
 def shared_path(path: Path, cluster: str) -> Path:
     """Return a path that is valid for the workers of a cluster in their folder too."""
     return path.absolute() if cluster else path
+
+
+def named_columns(texts: Iterable[str], form: str) -> dict[str, str]:
+    """Return the columns that ``--columns`` names, by what they are.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Such as ``x=X [km]``.
+    form : str
+        For messages: ``NAME=COLUMN``.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one of them is no such pair.
+    """
+    pairs = {}
+    for text in texts:
+        name, sign, column = text.partition("=")
+        if not (sign and name.strip() and column.strip()):
+            raise typer.BadParameter(f"{text!r} is not {form}", param_hint="--columns")
+        pairs[name.strip()] = column.strip()
+    return pairs

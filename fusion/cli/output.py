@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sized
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fusion.verdict import verdict_lines
+from fusion.estimation.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ def run_content(run: StageRun) -> dict[str, Any]:
         content["obstacle"] = run.obstacle
     if run.notes:
         content["notes"] = list(run.notes)
+    if run.remarks:
+        content["remarks"] = [asdict(one) for one in run.remarks]
     return {**content, "summary": dict(run.summary)}
 
 
@@ -71,7 +74,9 @@ def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:
     """Return a line for each number, word or short list in `summary`; long tables are counted."""
     lines = []
     for key, value in summary.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping | list | tuple) and not value:
+            lines.append(f"{indent}{key}: none")
+        elif isinstance(value, Mapping):
             inner = value_lines(value, indent + "  ")
             short = len(inner) <= MANY_LINES
             lines += [f"{indent}{key}:", *inner] if short else [f"{indent}{key}: {_entries(value)}"]

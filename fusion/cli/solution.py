@@ -26,16 +26,26 @@ NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="A solution of
 def list_(workspace: WorkspaceArgument, as_json: JsonOption = False) -> None:
     """List the solutions of a workspace, each below the one that it was made from."""
     from fusion.pipeline.solutions import solutions_of
+    from fusion.workspace import IMPORTED
+    from fusion.workspace.solution_records import name_in_use
 
-    opened = _opened(workspace)
-    records, depth, lines = solutions_of(opened), {"": -1}, []
-    for one in records:
+    opened, in_use = _opened(workspace, IMPORTED), name_in_use(workspace)
+    found, depth, lines = solutions_of(opened), {"": -1}, []
+    for one in found.records:
         depth[one.name] = depth.get(one.parent, -1) + 1
-        mark = "*" if one.name == opened.solution else " "
+        mark = "*" if one.name == in_use else " "
         about = ", ".join(part for part in (one.made_by, one.made) if part)
         lines.append(f"{mark} {'  ' * depth[one.name]}{one.name} ({about})")
-    content = {"in_use": opened.solution, "solutions": [one.as_json() for one in records]}
-    show(content, [*lines, "* in use"], as_json=as_json)
+    damaged = [str(error) for error in found.damaged]
+    if in_use not in depth and not damaged:
+        damaged = [f"{in_use!r}, which is in use, is not there; choose one: spcola solution use"]
+    content = {
+        "in_use": in_use,
+        "solutions": [one.as_json() for one in found.records],
+        "damaged": damaged,
+    }
+    lines += ["* in use", *(f"damaged: {each}" for each in damaged)]
+    show(content, lines, as_json=as_json)
 
 
 def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
@@ -45,12 +55,15 @@ def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption 
 
     opened = _opened(workspace, name)
     record = read_solution(opened.root, opened.solution)
+    # Its constants are checked.
+    opened.settings()
     content = {
         **record.as_json(),
         "folder": opened.home,
         "maplets": len(opened.maplet_names()),
         "landmarks": len(opened.landmark_names()),
         "images": len(opened.image_names()),
+        "line_scans": len(opened.line_scan_names()),
     }
     show(content, value_lines(content), as_json=as_json)
 
@@ -58,9 +71,9 @@ def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption 
 def use(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
     """Let all commands read this solution from now on; --solution chooses for one command."""
     from fusion.pipeline.solutions import use_solution
+    from fusion.workspace import IMPORTED
 
-    before = _opened(workspace, "imported")
-    used = use_solution(before, name)
+    used = use_solution(_opened(workspace, IMPORTED), name)
     show({"in_use": used.solution}, [f"in use: {used.solution}"], as_json=as_json)
 
 
@@ -98,20 +111,27 @@ def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new folder.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Write a solution as a plain SPC folder, with the pixels of its images."""
+    """Write a solution as a plain SPC folder, with the pixels of its images.
+
+    Where a camera's distortion is not Owen's, the .SUM files have a fit to it; how good it is, is
+    printed, and the exact cameras are written too.
+    """
     from fusion.pipeline.solutions import export_solution
 
-    counts = export_solution(_opened(workspace, name), folder)
+    counts, cameras = export_solution(_opened(workspace, name), folder)
     listed = ", ".join(f"{count} in {each}" for each, count in counts.items())
-    content: dict[str, Any] = {"folder": folder, "written": counts}
-    show(content, [f"{folder}: {listed}"], as_json=as_json)
+    fits = [{"file": file, **one.as_json()} for file, one in cameras.items()]
+    lines = [f"  {file}: {one.text}" for file, one in cameras.items()]
+    content: dict[str, Any] = {"folder": folder, "written": counts, "cameras": fits}
+    show(content, [f"{folder}: {listed}", *lines], as_json=as_json)
 
 
 def remove(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
     """Remove a solution and its results; not one in use, or from which another was made."""
     from fusion.pipeline.solutions import remove_solution
+    from fusion.workspace import IMPORTED
 
-    remove_solution(_opened(workspace), name)
+    remove_solution(_opened(workspace, IMPORTED), name)
     show({"removed": name}, [f"removed: {name}"], as_json=as_json)
 
 
@@ -126,7 +146,16 @@ for _name, _command, _example in (
     app.command(_name, epilog=f"Example: {_example}")(guarded(_command))
 
 
-def _opened(workspace: Path, name: str = "") -> Workspace:
+def _opened(workspace: Path, name: str) -> Workspace:
+    """Open a workspace with the solution `name`.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it has no name: it would be the one in use.
+    """
     from fusion.workspace import Workspace
 
+    if not name:
+        raise typer.BadParameter("is empty", param_hint="NAME")
     return Workspace.open(workspace, name)

@@ -150,7 +150,10 @@ def scale(
 def _scale_and_apply(workspace: Path, name: str, method: str | None, options: RunOptions) -> None:
     """Bring the scale up to date, and make the scaled solution."""
     from fusion.stages.scale import apply_scale
+    from fusion.workspace.solution_records import check_name
 
+    if name:
+        check_name(name)
     pipeline = _pipeline(workspace, options, "scale", method=method)
     ran = pipeline.run_stage("scale", force=options.force)
     _end(pipeline, [ran])

@@ -3,147 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.options import NAIF_NUMBERS, JsonOption, WorkspaceArgument, each_between
+from fusion.cli.options import JsonOption, WorkspaceArgument
 from fusion.cli.output import show
+from fusion.cli.state_options import BodyOptions, GivenStates, NewSumOptions
 
 if TYPE_CHECKING:
-    from fusion.stages.states import FoundStates, SourceOptions
-    from fusion.workspace import Workspace
-    from spcola.formats.states import Exposure
     from spcola.navigation.states import ImageState, StateDifference
     from spcola.spice.state_kernels import StateKernels
-    from spcola.spice.states import SpiceCamera
-
-
-@dataclass(frozen=True)
-class BodyOptions:
-    """Options that name spacecraft and body."""
-
-    spacecraft: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|NUMBER", help="The spacecraft; if not given, that of [spice] spacecraft."
-        ),
-    ] = ""
-    body: Annotated[
-        int,
-        typer.Option(
-            metavar="NUMBER", **NAIF_NUMBERS, help="NAIF number of the body; else [spice] body."
-        ),
-    ] = 0
-
-
-@dataclass(frozen=True)
-class StateOptions:
-    """Options that choose kernels and a camera in them."""
-
-    frame: Annotated[
-        str, typer.Option(metavar="FRAME", help="Frame of the camera in the kernels.")
-    ] = ""
-    correction: Annotated[
-        Literal["none", "light-time", "light-time+aberration"],
-        typer.Option(help="What is applied to the direction of the body."),
-    ] = "light-time+aberration"
-    pupil_m: Annotated[
-        tuple[float, float, float],
-        typer.Option(
-            metavar="X Y Z",
-            callback=each_between(-1e4, 1e4),
-            help="From the spacecraft's centre of mass to the pupil, metres, along the axes of "
-            "the camera's frame.",
-        ),
-    ] = (0.0, 0.0, 0.0)
-    kernel: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="A kernel or meta-kernel; repeat it. If not given: [spice] kernels.",
-        ),
-    ] = None
-    prime_meridian: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Which kernel gives the body's rotation, if several state it."
-        ),
-    ] = ""
-
-    def states(
-        self, workspace: Workspace, exposures: list[Exposure] | None, body: BodyOptions
-    ) -> FoundStates:
-        """Return the states of exposures, or of the images of the workspace, by the kernels."""
-        from fusion.stages.states import states_by_kernels
-
-        return states_by_kernels(workspace, exposures, self.source(body), self.spice_camera())
-
-    def source(self, body: BodyOptions) -> SourceOptions:
-        """Return the kernels, spacecraft and body that are named."""
-        from fusion.stages.states import SourceOptions
-
-        return SourceOptions(
-            tuple(self.kernel or ()), self.prime_meridian, body.spacecraft, body.body
-        )
-
-    def spice_camera(self) -> SpiceCamera:
-        """Return the camera in the kernels, without spacecraft and body."""
-        from numpy import array
-
-        from spcola.spice.states import Correction, SpiceCamera
-
-        return SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
-
-
-@dataclass(frozen=True)
-class PoseOptions:
-    """Options that name a table of poses."""
-
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Take the states from this table (CSV) instead of kernels: columns image, utc, "
-            "v0x_km, ... or scx_km, ..., cxx, ... or qw, ... or ra_deg, dec_deg, twist_deg, and "
-            "sunx, ...; names ending in _j2000 are inertial.",
-        ),
-    ] = None
-    columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=COLUMN",
-            help="The table's column of such a name, as in 'scx_m=X [m]'; repeat it.",
-        ),
-    ] = None
-    pck: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="PCK with the rotation for inertial columns; else that of [spin].",
-        ),
-    ] = None
-
-    def states(self, workspace: Workspace, body: BodyOptions) -> FoundStates:
-        """Return the states in the table."""
-        from fusion.stages.states import states_by_poses
-
-        assert self.poses is not None
-        return states_by_poses(
-            workspace, self.poses, columns=self.renamed(), pck=self.pck, body=body.body
-        )
-
-    def renamed(self) -> dict[str, str]:
-        """Return the names of columns by what they are called in the table."""
-        columns = {}
-        for text in self.columns or ():
-            name, sign, column = text.partition("=")
-            if not (name and sign and column):
-                raise typer.BadParameter(f"{text!r} is not NAME=COLUMN", param_hint="--columns")
-            columns[name.strip()] = column.strip()
-        return columns
 
 
 def sumfiles(
@@ -163,47 +34,14 @@ def sumfiles(
             help="Take name and time from the label of this image instead; repeat it.",
         ),
     ] = None,
-    letter: Annotated[
-        str,
-        typer.Option(
-            metavar="C",
-            help="Name the images by SPC's rule: this character, the time, the filter. If not "
-            "given, names are as stated, and have up to 12 characters.",
-        ),
-    ] = "",
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The camera: a camera file (spcola camera convert), or a .SUM file, whose "
-            "thresholds are used too.",
-        ),
-    ] = None,
     compare: Annotated[
         bool,
         typer.Option(
             "--compare", help="Write nothing: compare the kernels with the states in SUMFILES."
         ),
     ] = False,
-    sigma_m: Annotated[
-        float | None,
-        typer.Option(
-            "--sigma-m", metavar="M", min=1e-6, max=1e9, help="Sigma of V0; unknown if not given."
-        ),
-    ] = None,
-    sigma_mrad: Annotated[
-        float | None,
-        typer.Option(
-            "--sigma-mrad",
-            metavar="MRAD",
-            min=1e-9,
-            max=1e4,
-            help="Sigma of the pointing, each axis.",
-        ),
-    ] = None,
-    kernels: StateOptions = StateOptions(),
-    table_of_poses: PoseOptions = PoseOptions(),
-    names: BodyOptions = BodyOptions(),
+    made_with: NewSumOptions = NewSumOptions(),
+    sources: GivenStates = GivenStates(),
     as_json: JsonOption = False,
 ) -> None:
     """Write .SUM and .NOM files of images from SPICE kernels, or .SUM files from a table of poses.
@@ -213,36 +51,30 @@ def sumfiles(
     and radially, in degrees and pixels.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.stages.states import (
-        NominalOptions,
-        compare_with_solution,
-        make_sumfiles,
-    )
+    from fusion.stages.states import compare_with_solution, make_sumfiles
     from fusion.workspace import Workspace
+    from spcola.formats.solution.exact_camera import stored_camera
     from spcola.formats.states import exposure_of, read_exposures
 
-    given = sum(source is not None for source in (table, image, table_of_poses.poses))
-    if given > 1 or (not compare and (given == 0 or camera is None)):
+    poses = sources.table.poses
+    given = sum(source is not None for source in (table, image, poses))
+    if given > 1 or (not compare and (given == 0 or made_with.camera is None)):
         raise typer.BadParameter(
             "give TABLE, --image or --poses, and --camera; or --compare", param_hint="TABLE"
         )
-    if table_of_poses.poses is None and not kernels.frame:
+    if poses is None and not sources.kernels.frame:
         raise typer.BadParameter("is needed with kernels", param_hint="--frame")
     there = Workspace.open(workspace)
-    if table_of_poses.poses is not None:
-        found = table_of_poses.states(there, names)
-    else:
-        exposures = None if table is None else read_exposures(table)
-        exposures = [exposure_of(path) for path in image] if image else exposures
-        found = kernels.states(there, exposures, names)
-    found = found.named(letter) if letter else found
-    if camera is None or compare:
+    exposures = None if table is None else read_exposures(table)
+    exposures = [exposure_of(path) for path in image] if image else exposures
+    found = sources.states(there, exposures)
+    found = found.named(made_with.letter) if made_with.letter else found
+    if compare:
         differences = compare_with_solution(there, found)
         compared = {"images": [one.as_json() for one in differences]}
         show(compared, _comparison_lines(differences), as_json=as_json)
         return
-    nominal = NominalOptions(camera, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
-    made = make_sumfiles(there, found, nominal)
+    made = make_sumfiles(there, found, made_with.nominal())
     originals = found.originals or [state.name for state in made]
     content = {
         "workspace": there.root,
@@ -251,12 +83,16 @@ def sumfiles(
             for state, original in zip(made, originals, strict=True)
         ],
     }
+    stored = stored_camera(there.image(made[0].name).camera)
+    fitted = [f"  {stored.text}: {stored.file}"] if stored.file else []
+    if stored.file:
+        content["camera_fit"] = stored.as_json()
     ranges = [math.hypot(*state.scobj) for state in made]
     line = (
         f"Wrote {'.SUM' if found.body_rates is None else '.SUM and .NOM'} of {len(made)} images, "
         f"{min(ranges):.6g} to {max(ranges):.6g} m from the body's centre"
     )
-    show(content, [line], as_json=as_json)
+    show(content, [line, *fitted], as_json=as_json)
 
 
 def kernels(
@@ -298,6 +134,7 @@ def kernels(
     meta-kernel, and a table of the images. They are read back: each state must come back to 1 mm
     and 1 µrad.
     """
+    from fusion.stages.line_scans import line_scans_not_used
     from fusion.stages.states import SourceOptions, export_kernels
     from fusion.workspace import Workspace
 
@@ -311,7 +148,9 @@ def kernels(
         camera=camera,
         max_gap_s=max_gap_s,
     )
-    show(_kernel_facts(out, made), _kernel_lines(out, made), as_json=as_json)
+    left = line_scans_not_used(there)
+    lines = [f"  {one['text']} [{one['code']}]" for one in left.values()]
+    show({**_kernel_facts(out, made), **left}, [*_kernel_lines(out, made), *lines], as_json=as_json)
 
 
 def _state_facts(state: ImageState) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from fusion.cli.assess import assess
-from fusion.cli.options import JsonOption, WorkersOption
+from fusion.cli.options import JsonOption, WorkersOption, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
 
@@ -35,7 +35,8 @@ def make(
             "bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 scans, "
             "lidar only unless --images is given. blind-small, blind, blind-full: raw images, "
             "nominal kernels, a coarse shape and scans of a body that overhangs, without an SPC "
-            "solution; 78, 375 and 5,069 images."
+            "solution; 78, 417 and 5,069 images. blind takes about 20 minutes on two cores, 4.8 GB "
+            "of memory and 8.3 GB on the disk."
         ),
     ] = "mini",
     seed: Annotated[
@@ -121,4 +122,4 @@ app.command("make", epilog="Example: spcola truth make /tmp/bennu --preset bennu
 )
 app.command(
     "assess", epilog="Example: spcola truth assess WS --truth /tmp/bennu --report truth.html"
-)(guarded(assess))
+)(guarded(with_shared_options(assess)))

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from fusion.estimation.rank import check_rank
 from fusion.estimation.values import ErrorSizes, MixedFit, MixedOptions, Observations
@@ -164,13 +165,38 @@ class _Solution:
     estimate: FloatArray
     effects: tuple[FloatArray, ...]
     joint: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Normal equations of parameters and shared effects, of unit diagonal by `scale`.
+
+    Metres, radians and scales differ by many orders of magnitude.
+    """
+
+    normal: FloatArray
+    right: FloatArray
+    scale: FloatArray
     deviance: float
 
 
 def _solve(
     observations: Observations, weight: FloatArray, options: MixedOptions, sizes: ErrorSizes
 ) -> _Solution:
-    """Solve for parameters and shared effects at given error sizes.
+    """Solve for parameters and shared effects at given error sizes."""
+    equations = _equations(observations, weight, options, sizes)
+    inverse = np.linalg.inv(equations.normal)
+    both = equations.scale * (inverse @ equations.right)
+    count = observations.design.shape[2]
+    effects = _by_group(both[count:], observations, sizes)
+    joint = inverse * np.outer(equations.scale, equations.scale)
+    return _Solution(both[:count], effects, joint)
+
+
+def _equations(
+    observations: Observations, weight: FloatArray, options: MixedOptions, sizes: ErrorSizes
+) -> _Equations:
+    """Normal equations at given error sizes, and their deviance.
 
     The shared effects are estimated as parameters with prior precision 1/σ_g² (Henderson's form of
     the same estimator), so no N × N covariance is built.
@@ -189,22 +215,18 @@ def _solve(
     own = np.concatenate([np.empty(0), *(np.full(group.shape[2], size) for size, group in groups)])
     precision = np.concatenate([1.0 / options.prior**2, 1.0 / own**2])
     normal = rows.T @ rows + np.diag(precision)
-    # Unit diagonal: metres, radians and scales differ by many orders of magnitude.
     scale = 1.0 / np.sqrt(np.diag(normal))
-    unitless = normal * np.outer(scale, scale)
-    lower = np.linalg.cholesky(unitless)
-    right = rows.T @ whitened
-    inverse = np.linalg.inv(unitless) * np.outer(scale, scale)
-    both = inverse @ right
-    count = observations.design.shape[2]
+    normal *= np.outer(scale, scale)
+    right = scale * (rows.T @ whitened)
+    lower = np.linalg.cholesky(normal)
+    explained = solve_triangular(lower, right, lower=True)
     deviance = (
-        float(whitened @ whitened - both @ right)
+        float(whitened @ whitened - explained @ explained)
         - 2.0 * float(np.sum(np.log(np.einsum("nii->ni", whitener))))
         + 2.0 * float(np.sum(np.log(np.diag(lower) / scale)))
         + 2.0 * float(np.sum(np.log(own)))
     )
-    effects = _by_group(both[count:], observations, sizes)
-    return _Solution(both[:count], effects, inverse, deviance)
+    return _Equations(normal, right, scale, deviance)
 
 
 def _spread(observations: Observations, sizes: ErrorSizes) -> FloatArray:
@@ -236,7 +258,7 @@ def _estimate_sizes(
         return start
 
     def deviance(values: FloatArray) -> float:
-        return _solve(observations, weight, options, _sized(start, free, values)).deviance
+        return _equations(observations, weight, options, _sized(start, free, values)).deviance
 
     found = most_likely_sizes(
         deviance,

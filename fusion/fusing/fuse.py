@@ -12,7 +12,7 @@ from fusion.fusing.fuse_input import FuseInput, FuseOptions
 from fusion.fusing.fused_sigma import fused_sigma, missing_boulder_sigma, spc_sigma
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.fusing.uncertainty import ShapeErrors, SlopeInformation
-from spcola.arrays import BoolArray
+from spcola.arrays import AnyArray, BoolArray
 from spcola.heights import (
     HeightProblem,
     HeightSolution,
@@ -91,11 +91,6 @@ def fuse_maplet(
     solution = solve_heights(problem, options=solver)
     own = posterior_sigma(problem, weight=solution.constraint_weight)
     with_lidar = lidar.known
-    source = np.select(
-        [~problem.mask, parts.spc.valid & with_lidar, with_lidar, parts.spc.valid],
-        [Source.NONE, Source.BOTH, Source.LIDAR, Source.IMAGE],
-        Source.FILLED,
-    )
     sigma = fused_sigma(parts, lidar, information, shape, solution.height, own)
     sigma = np.hypot(sigma, np.where(doubtful, missing_boulder_sigma(parts), 0.0))
     maplet = FusedMaplet(
@@ -105,7 +100,7 @@ def fuse_maplet(
         albedo=parts.spc.albedo,
         sigma=np.where(problem.mask, sigma, np.nan),
         count=np.where(problem.mask, lidar.count, 0),
-        source=source.astype(np.uint8),
+        source=_sources(problem.mask, parts.spc.valid, with_lidar),
     )
     return FuseResult(
         maplet,
@@ -115,6 +110,13 @@ def fuse_maplet(
         int(np.count_nonzero(doubtful)),
         float(mad(parts.lidar.height - parts.spc.height)) / information.height_sigma_m,
     )
+
+
+def _sources(mask: BoolArray, by_images: BoolArray, with_lidar: BoolArray) -> AnyArray:
+    """Return the code of the source of each height."""
+    cases = [~mask, by_images & with_lidar, with_lidar, by_images]
+    codes = [Source.NONE, Source.BOTH, Source.LIDAR, Source.IMAGE]
+    return np.select(cases, codes, Source.FILLED).astype(np.uint8)
 
 
 def _name_number(name: str) -> int:

@@ -1,7 +1,6 @@
 """Content of a file or a workspace, and time and memory that its stages will take."""
 
 from fusion.inspection.describe import describe_file, describe_workspace
-from fusion.inspection.forecasts import mapolas_forecast
 from fusion.inspection.foreign import name_content
 from fusion.inspection.outside import outside_files
 from fusion.inspection.solution_difference import (
@@ -16,7 +15,6 @@ __all__ = [
     "describe_file",
     "describe_workspace",
     "difference_lines",
-    "mapolas_forecast",
     "name_content",
     "outside_files",
     "read_terrain",

@@ -13,7 +13,7 @@ from fusion.inspection.file_kinds import FileKind, file_kind, first_word, lidar_
 from fusion.inspection.image_facts import image_facts
 from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
 from fusion.pipeline import Pipeline
-from fusion.pipeline.catalog import Catalog, read_records, unsound
+from fusion.pipeline.catalog import Catalog, unsound
 from fusion.products.formats import read_fits_dtm, read_geotiff
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
@@ -29,7 +29,9 @@ from spcola.errors import FormatError, SpcolaError
 from spcola.formats.maplets import read_map, read_maplet
 from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_shape
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
+from spcola.formats.solution.line_scan import read_line_scan
 from spcola.grids import Maplet
+from spcola.navigation import utc_from_et
 from spcola.shape.icq import IcqShape, as_icq
 from spcola.spice import orientation_of, read_transfer
 
@@ -46,6 +48,14 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
     scans = list(readable_scans(workspace).values())
     per_worker = settings.ingest.chunk * BYTES_PER_RETURN
     shapes = sorted((workspace.home / "SHAPEFILES").glob("[!.]*"))
+    pipeline = Pipeline(workspace, settings, load_stages())
+    # Without the lock: a workspace can be read while another program works in it.
+    with closing(Catalog(workspace, read_only=True)) as catalog:
+        found = {
+            "stages": pipeline.states(catalog),
+            "problems": _problems(workspace, catalog),
+            "finished": {record.stage: record.finished for record in catalog.records()},
+        }
     return {
         "kind": "workspace",
         "body": settings.body.name,
@@ -53,6 +63,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "maplets": len(workspace.maplet_names()),
         "landmarks": len(workspace.landmark_names()),
         "images": len(workspace.image_names()),
+        "line_scans": len(workspace.line_scan_names()),
         "images_in_catalogue": count_images(workspace),
         "shape": ", ".join(path.name for path in shapes),
         "scans": len(scans),
@@ -61,13 +72,11 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "fused": len(workspace.fused_names()),
         "import_memory_per_worker_mb": per_worker / 1e6,
         "import_memory_mb": (PROGRAM_BYTES + usable_cores() * per_worker) / 1e6,
-        "stages": Pipeline(workspace, settings, load_stages()).states(),
-        "problems": _problems(workspace),
-        "finished": {record.stage: record.finished for record in read_records(workspace)},
+        **found,
     }
 
 
-def _problems(workspace: Workspace) -> list[str]:
+def _problems(workspace: Workspace, catalog: Catalog) -> list[str]:
     """Return what is wrong with scans and maplets, so that commands refuse them."""
     found = []
     for path in workspace.scan_paths():
@@ -79,8 +88,7 @@ def _problems(workspace: Workspace) -> list[str]:
         first, second = workspace.scan_path(one), workspace.scan_path(other)
         found.append(f"{first} and {second} hold the same scan")
     try:
-        with closing(Catalog(workspace)) as catalog:
-            found += [one.text for one in unsound(workspace, catalog)]
+        found += [one.text for one in unsound(workspace, catalog)]
     except SpcolaError as error:
         found.append(str(error))
     return found
@@ -174,9 +182,26 @@ def _describe_summary(path: Path) -> dict[str, Any]:
         "pixels": image.camera.width,
         "lines": image.camera.height,
         "focal_length_mm": image.camera.focal_length_mm,
+        "distortion_model": image.camera.distortion_model,
         "distance_m": float(np.linalg.norm(image.position)),
         "landmarks": len(image.landmarks),
         "limbs": len(image.limbs),
+    }
+
+
+def _describe_line_scan(path: Path) -> dict[str, Any]:
+    image = read_line_scan(path)
+    scan = image.scan
+    return {
+        "kind": "line-scan image",
+        "name": image.name,
+        "first_line_utc": utc_from_et(float(scan.times[0]), 6),
+        "last_line_utc": utc_from_et(float(scan.times[-1]), 6),
+        "pixels": scan.camera.width,
+        "lines": scan.height,
+        "focal_length_mm": scan.camera.focal_length_mm,
+        "distortion_model": scan.camera.distortion_model,
+        "distance_m": float(np.linalg.norm(scan.positions[scan.height // 2])),
     }
 
 
@@ -264,6 +289,7 @@ _READERS: dict[FileKind, Callable[[Path], dict[str, Any]]] = {
     FileKind.LANDMARK: _describe_landmark,
     FileKind.SUMMARY: _describe_summary,
     FileKind.IMAGE: _describe_image,
+    FileKind.LINE_SCAN: _describe_line_scan,
     FileKind.NOMINAL: lambda path: {"kind": "nominal state", "name": read_nominal(path).name},
     FileKind.LIST: lambda path: {"kind": "list", "names": len(read_list(path))},
     FileKind.SETTINGS: lambda path: {

@@ -14,6 +14,7 @@ from lidar.formats.mapolas import ADJUSTMENT_HDF5, MAPOLAS_HDF5
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.shapes import recognise_shape
 from spcola.formats.shapes.ply import parse_header
+from spcola.formats.solution.line_scan import LINE_SCAN_SUFFIX, is_line_scan
 from spcola.formats.text import read_bytes
 
 # Comments before the first data block of a kernel are shorter than this, bytes.
@@ -30,6 +31,7 @@ class FileKind(StrEnum):
     LANDMARK = "landmark"
     SUMMARY = "image summary"
     IMAGE = "image"
+    LINE_SCAN = "line-scan image"
     NOMINAL = "nominal state"
     LIST = "list"
     SETTINGS = "settings"
@@ -73,6 +75,8 @@ def file_kind(path: Path) -> FileKind:
         return _SUFFIXES[suffix]
     if suffix in (".fits", ".fit"):
         return FileKind.IMAGE if _is_plane(path) else FileKind.FITS
+    if suffix == LINE_SCAN_SUFFIX and is_line_scan(path):
+        return FileKind.LINE_SCAN
     if suffix == ".dat" and summary_path(path) is not None:
         return FileKind.IMAGE
     return _kind_by_content(path)

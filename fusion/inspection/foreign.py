@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 
 _UNPACK = "unpack it first"
-_LABEL = "name the data file that it describes"
-_PICTURE = "no command reads it: images of SPC are .DAT files in IMAGEFILES, with their .SUM files"
+_BRING = "bring it into a workspace: spcola images WS FILE"
+_LABEL = f"if it describes an image, {_BRING}; otherwise name the data file that it describes"
+_CONVERT = "no command reads it; convert it to TIFF or FITS, which spcola images reads"
 _NONE = "no command reads it"
 _TABLE = (
     "if it holds lidar returns, import it: spcola import WS FILE --format F, or --format table "
@@ -14,15 +15,19 @@ _TABLE = (
 )
 
 _SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
-    (b"\x89PNG\r\n\x1a\n", "a PNG image", _PICTURE),
-    (b"\xff\xd8\xff", "a JPEG image", _PICTURE),
-    (b"GIF8", "a GIF image", _PICTURE),
-    (b"\x00\x00\x00\x0cjP  ", "a JPEG 2000 image", _PICTURE),
+    (b"\x89PNG\r\n\x1a\n", "a PNG image", _BRING),
+    (b"\xff\xd8\xff", "a JPEG image", _CONVERT),
+    (b"GIF8", "a GIF image", _CONVERT),
+    (b"\x00\x00\x00\x0cjP  ", "a JPEG 2000 image", _CONVERT),
     *(
-        (begin, "a TIFF", "a terrain model in GeoTIFF needs a name that ends in .tif")
+        (begin, "a TIFF", f"{_BRING}; a terrain model in GeoTIFF needs a name that ends in .tif")
         for begin in (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
     ),
-    (b"SIMPLE  =", "a FITS file", "a terrain model in FITS needs a name that ends in .fits"),
+    (
+        b"SIMPLE  =",
+        "a FITS file",
+        f"an image: {_BRING}; a terrain model in FITS needs a name that ends in .fits",
+    ),
     (b"CDF", "a NetCDF file", _NONE),
     (b"\x93NUMPY", "a NumPy array", _NONE),
     (
@@ -43,7 +48,11 @@ _SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
     (b"DASETF", "a SPICE DAS kernel (transfer text)", "make it binary with NAIF's tobin"),
     (b"%PDF", "a PDF document", _NONE),
     (b"\x7fELF", "a program", _NONE),
-    (b"LBLSIZE=", "a VICAR image", _PICTURE),
+    (
+        b"LBLSIZE=",
+        "a VICAR image",
+        f"give its PDS label (.LBL) to spcola images; without one: {_CONVERT}",
+    ),
     (b"PDS_VERSION_ID", "a PDS3 label (PVL)", _LABEL),
     (b"CCSD3ZF", "a PDS3 label (PVL)", _LABEL),
 )
@@ -73,7 +82,7 @@ def name_content(head: bytes) -> tuple[str, str]:
 def _name_text(head: bytes) -> tuple[str, str]:
     """Return what a text is, and what to do with it."""
     if _ISIS_CUBE.match(head):
-        return ("an ISIS cube" if b"\0" in head else "the label of an ISIS cube (PVL)"), _PICTURE
+        return ("an ISIS cube" if b"\0" in head else "the label of an ISIS cube (PVL)"), _BRING
     if _XML.match(head):
         if b"pds.nasa.gov/pds4" in head:
             return "a PDS4 label (XML)", _LABEL

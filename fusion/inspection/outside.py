@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fusion.geolocation import return_paths
+from fusion.scene.geolocation import return_paths
 from fusion.stages.ingest import recorded_origins
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings

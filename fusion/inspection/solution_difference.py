@@ -11,10 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
+from spcola.camera.owen_fit import camera_difference
 from spcola.errors import InvalidValueError
+from spcola.grids import Maplet, MapletGrid
 from spcola.math import Similarity, similarity_between
 
 _PERCENT = (50, 95, 100)
+# Heights of nodes that are further apart than this, in GSD, are not compared.
+_APART = 0.5
+_ROUNDING_PX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +42,13 @@ class SolutionDifference:
         Its part along the normal of the maplet, metres.
     heights : (N,) ndarray
         Standard deviation over a maplet of the change of its heights, metres; NaN where its grid
-        has another size.
+        has other nodes: another number of them, GSD, or direction in its plane.
     positions : (M, 3) ndarray
         Change of the spacecraft positions along Cx, Cy and Cz, metres.
     turns : (M, 3) ndarray
         Change of the pointing: rotations about Cx, Cy and Cz, radians.
+    cameras : (M,) ndarray
+        Largest change of a pixel's place on the detector by focal length, K or distortion, pixels.
     common : Similarity or None
         The similarity that takes the first centres nearest to the second ones; None for fewer than
         three.
@@ -63,6 +70,7 @@ class SolutionDifference:
     heights: FloatArray
     positions: FloatArray
     turns: FloatArray
+    cameras: FloatArray
     common: Similarity | None
     radius_ratio: float
     settings: Mapping[str, tuple[Any, Any]]
@@ -88,7 +96,9 @@ class SolutionDifference:
             "centers_outward_m": _percentiles(np.abs(self.outward)),
             "centers_left_over_m": _percentiles(np.linalg.norm(self.left_over, axis=1)),
             "heights_changed_m": _percentiles(self.heights),
+            "heights_compared": int(np.isfinite(self.heights).sum()),
             "positions_moved_m": _percentiles(np.linalg.norm(self.positions, axis=1)),
+            "cameras_changed_px": _percentiles(self.cameras),
             "pointing_turned_deg": _percentiles(np.degrees(np.linalg.norm(self.turns, axis=1))),
             "common_scale": None if common is None else common.scale,
             "common_rotation_deg": None if common is None else np.degrees(common.rotation_vector),
@@ -114,7 +124,7 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
     maplets = _shared(first.maplet_names(), second.maplet_names())
     images = _shared(first.image_names(), second.image_names())
     names = [{*each.maplet_names(), *each.image_names()} for each in (first, second)]
-    rows = [_maplet_change(first, second, name) for name in maplets]
+    rows = [_center_change(first, second, name) for name in maplets]
     centers, moved = (np.array([row[k] for row in rows]).reshape(-1, 3) for k in (0, 1))
     states = [_state_change(first, second, name) for name in images]
     positions, turns = (np.array([row[k] for row in states]).reshape(-1, 3) for k in (0, 1))
@@ -122,11 +132,13 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
         common = similarity_between(centers, centers + moved) if len(rows) > 2 else None
     except InvalidValueError:
         common = None
+    heights = [_height_change(first.maplet(each), second.maplet(each), common) for each in maplets]
     return SolutionDifference(
         first.solution, second.solution, maplets, images,
         tuple(sorted(names[0] - names[1])), tuple(sorted(names[1] - names[0])),
-        centers, moved, np.array([row[2] for row in rows]), np.array([row[3] for row in rows]),
-        positions, turns, common, _radius_ratio(first, second), _changed_settings(first, second),
+        centers, moved, np.array([row[2] for row in rows]), np.array(heights),
+        positions, turns, np.array([row[2] for row in states]), common,
+        _radius_ratio(first, second), _changed_settings(first, second),
     )  # fmt: skip
 
 
@@ -141,15 +153,18 @@ def difference_lines(found: SolutionDifference) -> list[str]:
         numbers = ", ".join(f"{values[f'p{p}']:.3g}" for p in _PERCENT)
         return f"  {text} (median, 95 %, largest): {numbers} {unit}"
 
+    left_out = len(found.maplets) - content["heights_compared"]
+    others = f" (not of {left_out} with other grids)" if left_out else ""
     lines = [
         f"{found.second} less {found.first}: {len(found.maplets)} maplets, {len(found.images)} "
         "images in both",
         row("centres moved", "centers_moved_m", "m"),
         row("  along their normals", "centers_outward_m", "m"),
         row("  beyond a common similarity", "centers_left_over_m", "m"),
-        row("heights within a maplet", "heights_changed_m", "m"),
+        row(f"heights within a maplet{others}", "heights_changed_m", "m"),
         row("spacecraft moved", "positions_moved_m", "m"),
         row("pointing turned", "pointing_turned_deg", "°"),
+        *([row("cameras changed", "cameras_changed_px", "px")] if found.cameras.any() else []),
     ]
     if found.common is not None:
         turn = ", ".join(f"{value:.3g}" for value in content["common_rotation_deg"])
@@ -171,25 +186,47 @@ def _shared(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in first if name in there)
 
 
-def _maplet_change(
+def _center_change(
     first: Workspace, second: Workspace, name: str
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Return centre, displacement, its normal part, and the standard deviation of heights."""
-    old, new = first.maplet(name), second.maplet(name)
-    moved = new.grid.center - old.grid.center
-    spread = float("nan")
-    if old.height.shape == new.height.shape:
-        known = old.valid & new.valid
-        change = (new.height - old.height)[known]
-        spread = float(np.std(change)) if change.size else spread
-    return old.grid.center, moved, float(moved @ old.grid.axes[2]), spread
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the centre of a maplet, its displacement, and the part of that along the normal."""
+    old, new = first.maplet(name).grid, second.maplet(name).grid
+    moved = new.center - old.center
+    return old.center, moved, float(moved @ old.axes[2])
 
 
-def _state_change(first: Workspace, second: Workspace, name: str) -> tuple[FloatArray, FloatArray]:
-    """Return the change of position and of pointing of an image, in its camera axes."""
+def _height_change(old: Maplet, new: Maplet, common: Similarity | None) -> float:
+    """Return the standard deviation of the change of heights; NaN if the nodes are others."""
+    if _nodes_apart(old.grid, new.grid, common) > _APART:
+        return float("nan")
+    change = (new.height - old.height)[old.valid & new.valid]
+    return float(np.std(change)) if change.size else float("nan")
+
+
+def _nodes_apart(old: MapletGrid, new: MapletGrid, common: Similarity | None) -> float:
+    """Return how far nodes of equal index are apart at most, in GSD, with the centres as one.
+
+    The old grid is scaled and turned as all centres together are.
+    """
+    if old.half_size != new.half_size:
+        return float("inf")
+    axes, gsd = old.axes, old.gsd
+    if common is not None:
+        axes, gsd = axes @ common.rotation.T, gsd * common.scale
+    edges = (new.gsd * new.axes[:2] - gsd * axes[:2]) @ axes[:2].T
+    return old.half_size / gsd * float(np.linalg.norm(np.abs(edges).sum(axis=0)))
+
+
+def _state_change(
+    first: Workspace, second: Workspace, name: str
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the change of position and of pointing, in the camera axes, and of the camera."""
     old, new = first.image(name), second.image(name)
     turn = Rotation.from_matrix(old.axes @ new.axes.T).as_rotvec()
-    return old.axes @ (new.position - old.position), turn
+    camera = camera_difference(old.camera, new.camera).largest_px
+    # Less than the decimals of a .SUM file is rounding.
+    camera = camera if camera > _ROUNDING_PX else 0.0
+    return old.axes @ (new.position - old.position), turn, camera
 
 
 def _radius_ratio(first: Workspace, second: Workspace) -> float:

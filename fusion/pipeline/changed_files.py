@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fusion.verdict import Code, Finding, Severity
+from fusion.estimation.verdict import Code, Finding, Severity
 
 # So many files are named; the others are counted.
 _NAMED = 3

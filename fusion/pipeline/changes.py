@@ -67,15 +67,11 @@ class Changes:
         return () if record is None else record.outputs
 
     def _of_record(self, record: StageRecord) -> Changed:
-        path_of = self.catalog.workspace.path_of
-        there = {name: path_of(name) for name in record.outputs if path_of(name).is_file()}
-        digests = self.catalog.digests_of(list(there.values()))
+        found = self.catalog.recorded(record)
+        gone = tuple(name for name, digest in found.items() if digest is None)
         differing = (
-            name
-            for name, digest in zip(there, digests, strict=True)
-            if digest != record.outputs[name]
+            name for name, digest in found.items() if digest not in (None, record.outputs[name])
         )
-        gone = tuple(name for name in record.outputs if name not in there)
         return Changed(record.stage, tuple(differing), gone)
 
     def _owners(self, stage: Stage, inputs: Iterable[str]) -> Iterator[tuple[str, Stage]]:

@@ -4,68 +4,34 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline.catalog.catalog import Catalog
-from fusion.pipeline.catalog.records import (
-    RECORD_FOLDER,
-    SHARED_STAGES,
-    StageRecord,
-    content_digest,
-)
+from fusion.pipeline.catalog.records import SHARED_STAGES, StageRecord
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
-from fusion.pipeline.items import ItemStore, item_folder, whole_version
-from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
+from fusion.pipeline.items import ItemStore, item_folder
+from fusion.pipeline.opened import opened
+from fusion.pipeline.stage import Stage, StageContext
+from fusion.pipeline.stage_key import StageKey, current_record, keep_result, stage_key
+from fusion.pipeline.stage_run import StageRun
 from fusion.pipeline.subset import Subset
 from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
-from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
+from fusion.runtime.folders import make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
 from fusion.runtime.processes import check_interrupts
-from fusion.verdict import Code, Finding, Severity, Verdict
-from fusion.workspace import IMPORTED, OWN_FOLDERS, Workspace
+from fusion.workspace import IMPORTED, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError
 from spcola.formats.shapes import recognise_shape
 
-State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
-LOCK_FILE = ".lock"
-
-
-@dataclass(frozen=True)
-class StageRun:
-    """Outcome of one stage.
-
-    Parameters
-    ----------
-    stage : str
-    state : {"ran", "up to date", "cannot run"}
-    seconds : float
-        Time that it took.
-    summary : mapping
-        Summary of this run, or of the last one if the stage is up to date.
-    reason : str
-        Why it cannot run.
-    obstacle : str
-        Why its result may not be used, by its verdict; empty if it may.
-    notes : tuple of str
-        Files that were changed or damaged, and what was done about them.
-    """
-
-    stage: str
-    state: State
-    seconds: float = 0.0
-    summary: Mapping[str, Any] = field(default_factory=dict)
-    reason: str = ""
-    obstacle: str = ""
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -139,11 +105,16 @@ class Pipeline:
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
 
-    def states(self) -> dict[str, str]:
-        """Return for each stage "up to date", "due", or "cannot run: …"."""
-        # Without the lock: a workspace can be read while another program works in it.
-        with closing(Catalog(self.workspace, read_only=True)) as catalog:
+    def states(self, catalog: Catalog | None = None) -> dict[str, str]:
+        """Return for each stage "up to date", "due", or "cannot run: …".
+
+        `catalog` is one that is open for reading, by default a new one.
+        """
+        if catalog is not None:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
+        # Without the lock: a workspace can be read while another program works in it.
+        with closing(Catalog(self.workspace, read_only=True)) as opened_now:
+            return self.states(opened_now)
 
     def _of_all(self) -> Pipeline:
         """Return the pipeline of what all solutions of the workspace share."""
@@ -164,7 +135,7 @@ class Pipeline:
         shared, record = self._of_all(), catalog.record(stage.name)
         if not force and record and shared.states()[stage.name] == "up to date":
             run = StageRun(stage.name, "up to date", summary=record.summary)
-            return self._judged(run, ())
+            return run.judged(self.settings.accept.codes, ())
         with opened(shared.workspace, wait=self.wait) as of_all:
             return shared._update(stage, of_all, force)
 
@@ -177,7 +148,7 @@ class Pipeline:
             missing = missing or self._obstacle(stage, catalog)
             if missing:
                 return f"cannot run: {missing}"
-            if self._current(stage, catalog, self._key(stage, catalog)):
+            if current_record(catalog, stage.name, self._key(stage, catalog)):
                 return "up to date"
             changed = Changes(self.stages, catalog).own(stage)
         except SpcolaError as error:
@@ -195,39 +166,22 @@ class Pipeline:
             return StageRun(stage.name, "cannot run", reason=found)
         begun, started = time.monotonic(), time.time()
         key = self._key(stage, catalog)
-        whole = self.workspace.home / SCRATCH_FOLDER
         before = changes.before(stage, key.inputs)
         against = [changed for changed in before if changed.is_contradicted]
         if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
-            return _not_made(stage, self._advice(against[0]))
-        if not force and (record := self._current(stage, catalog, key)):
+            return StageRun.not_made(stage.name, self._advice(against[0]))
+        if not force and (record := current_record(catalog, stage.name, key)):
             # Parts that a killed run with other settings had finished are of no use.
-            remove_folder(whole / stage.name)
+            remove_folder(self._scratch / stage.name)
             run = StageRun(stage.name, "up to date", summary=record.summary)
-            return self._judged(run, self._report(catalog, ()))
+            return run.judged(self.settings.accept.codes, self._report(catalog, ()))
         bad = self._unsound(key.inputs, catalog)
         if bad and Code.UNSOUND_MAPLET not in self.settings.accept.codes:
-            return _not_made(stage, _sound_advice(bad))
+            return StageRun.not_made(stage.name, _sound_advice(bad))
         own = changes.own(stage)
         noted = _notes(stage, own, changes.used_before(stage, key.inputs))
         notes = self._report(catalog, [*(changed.text for changed in before), *noted])
-        scratch = whole / stage.name / key.digest[:16]
-        self._clear_scratch(scratch)
-        make_folder(scratch)
-        items = ItemStore(item_folder(self.workspace.home, stage.name), key.version)
-        context = StageContext(
-            self.workspace,
-            self.settings,
-            stage.tables,
-            self.executor,
-            self.progress,
-            key.inputs,
-            key.digest,
-            scratch,
-            items,
-            own,
-            self.subset,
-        )
+        context = self._context(stage, key, own, catalog.record(stage.name))
         self._note_shape(key.inputs)
         result = stage.run(context)
         if self.subset:
@@ -237,13 +191,36 @@ class Pipeline:
         if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
             findings += rejected_maplets(self.workspace)
         result = replace(result, summary=_with_findings(result.summary, findings))
-        self._keep(stage, catalog, key, result)
-        remove_folder(scratch.parent)
+        keep_result(catalog, stage.name, key, result, partly=bool(self.subset))
+        remove_folder(context.scratch.parent)
         if not self.subset:
-            items.remove_unused(since=started)
+            context.items.remove_unused(since=started)
         took = time.monotonic() - begun
-        run = StageRun(stage.name, "ran", took, json_value(result.summary))
-        return self._judged(run, (*notes, *self._report(catalog, result.notes)))
+        summary = json_value(result.summary)
+        run = StageRun(stage.name, "ran", took, summary, remarks=result.remarks)
+        return run.judged(
+            self.settings.accept.codes, (*notes, *self._report(catalog, result.notes))
+        )
+
+    def _context(
+        self, stage: Stage, key: StageKey, own: Changed, last: StageRecord | None
+    ) -> StageContext:
+        """Return what `stage` runs with; finished parts of runs with other keys are removed."""
+        scratch = self._scratch / stage.name / key.digest[:16]
+        if scratch.parent.is_dir():
+            for left in scratch.parent.iterdir():
+                if left != scratch:
+                    shutil.rmtree(left, ignore_errors=True)
+        make_folder(scratch)
+        items = ItemStore(item_folder(self.workspace.home, stage.name), key.version)
+        return StageContext(
+            self.workspace, self.settings, stage.tables, self.executor, self.progress,
+            key.inputs, key.digest, scratch, items, own, self.subset, last,
+        )  # fmt: skip
+
+    @property
+    def _scratch(self) -> Path:
+        return self.workspace.home / SCRATCH_FOLDER
 
     def _note_shape(self, inputs: Mapping[str, str]) -> None:
         """Print the remark on an ICQ shape whose edges do not close, if the stage reads it."""
@@ -297,11 +274,6 @@ class Pipeline:
             self.progress.note(f"note: {note}")
         return reported
 
-    def _judged(self, run: StageRun, notes: tuple[str, ...]) -> StageRun:
-        """Add to the outcome of a stage why its result may not be used, and the notes."""
-        verdict = Verdict.from_json(run.summary)
-        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes), notes=notes)
-
     def _obstacle(self, stage: Stage, catalog: Catalog) -> str:
         """Return which result that `stage` needs may not be used, and why; empty if all may."""
         for needed in (one for one in self.stages if one.name in stage.needs):
@@ -314,57 +286,8 @@ class Pipeline:
                 return further
         return ""
 
-    def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
-        """Record the outputs of `stage`, and remove those of its last run that this one lacks.
-
-        Of a subset of items the outputs are kept that this run lacks.
-        """
-        before = catalog.record(stage.name)
-        outputs = catalog.digests(list(result.outputs))
-        for path, digest in ({} if before is None else before.outputs).items():
-            file = self.workspace.path_of(path)
-            if path in outputs or not file.is_file():
-                continue
-            if self.subset:
-                outputs[path] = digest
-            # A file that was changed since by hand is not removed.
-            elif catalog.digest(file) == digest:
-                file.unlink()
-        finished = datetime.now(UTC).isoformat(timespec="seconds")
-        catalog.store(
-            StageRecord(
-                stage.name,
-                # A key that no run has: the items that were left out are still due.
-                f"subset of {key.digest}" if self.subset else key.digest,
-                key.version,
-                key.settings,
-                key.inputs,
-                outputs,
-                json_value(result.summary),
-                finished,
-            )
-        )
-
-    def _key(self, stage: Stage, catalog: Catalog) -> _Key:
-        """Return the key of `stage`: a digest of all that its result depends on."""
-        inputs = catalog.digests(stage.inputs(self.workspace, self.settings))
-        tables = {
-            kind.__name__: find_table(self.settings, kind).model_dump(mode="json")
-            for kind in stage.tables
-        }
-        version = whole_version(stage.version)
-        content = {"stage": stage.name, "version": version, "settings": tables, "inputs": inputs}
-        return _Key(content_digest(content), version, tables, inputs)
-
-    def _current(self, stage: Stage, catalog: Catalog, key: _Key) -> StageRecord | None:
-        """Return the record of the last run if it is current: same key, outputs unchanged."""
-        record = catalog.record(stage.name)
-        if record is None or record.key != key.digest:
-            return None
-        files = [self.workspace.path_of(path) for path in record.outputs]
-        if not all(file.is_file() for file in files):
-            return None
-        return record if catalog.digests_of(files) == list(record.outputs.values()) else None
+    def _key(self, stage: Stage, catalog: Catalog) -> StageKey:
+        return stage_key(stage, self.workspace, self.settings, catalog)
 
     def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
         """Return whether `stage` ran before but its inputs, settings or version changed since."""
@@ -372,20 +295,7 @@ class Pipeline:
             return self._state(stage, catalog).startswith("due")
         if catalog.record(stage.name) is None or stage.missing(self.workspace, self.settings):
             return False
-        return self._current(stage, catalog, self._key(stage, catalog)) is None
-
-    @staticmethod
-    def _clear_scratch(scratch: Path) -> None:
-        """Remove finished parts of runs of the stage with other inputs or settings."""
-        if scratch.parent.is_dir():
-            for left in scratch.parent.iterdir():
-                if left != scratch:
-                    shutil.rmtree(left, ignore_errors=True)
-
-
-def _not_made(stage: Stage, reason: str) -> StageRun:
-    """Return the outcome of a stage that must not run, so that no other may use its result."""
-    return StageRun(stage.name, "cannot run", reason=reason, obstacle=f"not made: {reason}")
+        return current_record(catalog, stage.name, self._key(stage, catalog)) is None
 
 
 def unsound_matters(inputs: Collection[str]) -> bool:
@@ -415,34 +325,3 @@ def _with_findings(summary: Mapping[str, Any], findings: Sequence[Finding]) -> M
         return summary
     verdict = Verdict.from_json(json_value(summary))
     return {**summary, **Verdict((*verdict.findings, *findings)).as_json()}
-
-
-@dataclass(frozen=True)
-class _Key:
-    digest: str
-    version: str
-    settings: dict[str, Any]
-    inputs: dict[str, str]
-
-
-@contextmanager
-def opened(workspace: Workspace, *, wait: bool = False) -> Iterator[Catalog]:
-    """Open the catalogue of a solution, and lock the solution meanwhile.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    wait : bool
-        Whether to wait while another program works with this solution.
-
-    Raises
-    ------
-    WorkspaceError
-        If another program works with it, or it cannot be written.
-    """
-    own = [workspace.home, *(workspace.home / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
-    with locked(workspace.home / LOCK_FILE, wait=wait):
-        clear_leftovers(own)
-        with closing(Catalog(workspace)) as catalog:
-            catalog.restore()
-            yield catalog

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fusion.estimation.verdict import Finding
+from fusion.pipeline.catalog.records import StageRecord
 from fusion.pipeline.changed_files import Changed
 from fusion.pipeline.items import ItemStore
 from fusion.pipeline.subset import Subset
 from fusion.runtime import AHEAD, Executor, Progress
+from fusion.runtime.remaining import Timed
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
 from spcola.arrays import FloatArray
@@ -36,11 +38,15 @@ class StageResult:
         What the command prints, also with ``--json``; JSON types, NaN allowed.
     notes : tuple of str
         Messages about this run only.
+    remarks : tuple of Finding
+        What programs may want to know about this run only: unlike those in `summary`, they are
+        not recorded, as equal inputs give equal results whichever run made them.
     """
 
     outputs: tuple[Path, ...]
     summary: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,8 @@ class StageContext:
         Which of its last results changed since.
     subset : Subset
         Which items are made; results of the others stay as they are.
+    last : StageRecord, optional
+        How it last ran.
     """
 
     workspace: Workspace
@@ -84,6 +92,7 @@ class StageContext:
     items: ItemStore
     own: Changed | None = None
     subset: Subset = field(default_factory=Subset)
+    last: StageRecord | None = None
 
     def table(self, kind: type[AnyTable]) -> AnyTable:
         """Return the settings table of class `kind`.
@@ -117,13 +126,8 @@ class StageContext:
         `sizes` is the work in each item, in any unit: the time that is left follows from it. At
         most `ahead` results per worker wait to be taken.
         """
-
-        def timed(item: Item) -> tuple[Result, float]:
-            begun = time.monotonic()
-            return function(item), time.monotonic() - begun
-
         with self.progress.items(title, sizes, self.executor.workers) as task:
-            for result, seconds in self.executor.stream(timed, items, ahead=ahead):
+            for result, seconds in self.executor.stream(Timed(function), items, ahead=ahead):
                 task.advance_one(seconds)
                 yield result
 

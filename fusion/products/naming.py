@@ -41,9 +41,7 @@ def product_stem(
     return f"l_{round(grid.gsd * 1e3):05d}mm_{SOURCES[source]}_{product}_{place}_v{version:03d}"
 
 
-def product_stems(
-    grids: Sequence[MapletGrid], *, version: int, source: str = "SPO", product: str = "dtm"
-) -> list[str]:
+def product_stems(grids: Sequence[MapletGrid], *, version: int) -> list[str]:
     """Return names of several products, no two of them equal.
 
     If centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in the
@@ -53,14 +51,12 @@ def product_stems(
     ----------
     grids : sequence of MapletGrid
     version : int
-    source, product : str
-        Parts of the name.
     """
     seen: dict[str, int] = {}
     stems = []
     for grid in grids:
-        first = product_stem(grid, version=version, source=source, product=product)
+        first = product_stem(grid, version=version)
         seen[first] = seen.get(first, 0) + 1
-        again = product if seen[first] == 1 else f"{product}{seen[first]}"
-        stems.append(product_stem(grid, version=version, source=source, product=again))
+        again = "dtm" if seen[first] == 1 else f"dtm{seen[first]}"
+        stems.append(product_stem(grid, version=version, product=again))
     return stems

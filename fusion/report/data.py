@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
 from fusion.report.planted import RecoveredParameter, SurfaceErrors
-from fusion.verdict import Verdict
 from spcola.arrays import AnyArray, FloatArray, check_shape, frozen
 
 

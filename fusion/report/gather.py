@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, fused_names, read_fused
 from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
 from fusion.report.data import LidarCoverage, Origins, ReportData, Surfaces
 from fusion.report.planted import read_planted
-from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.grids import project_maplet

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from fusion.estimation.verdict import JUDGEMENTS, Code, Finding, Severity
 from fusion.report.data import ReportData
 from fusion.report.layout import html_table, number_text
 from fusion.report.layout.html import TEXT_CELL, html_list
-from fusion.verdict import JUDGEMENTS, Code, Finding, Severity
 
 # Coverage and correlation are printed to two digits.
 _SHARE = 0.1
+_MOST_ROWS = 40
 
 
 def verdicts_box(data: ReportData) -> str:
@@ -84,7 +85,7 @@ def _chance(p_value: Any) -> str:
     return f"{p_value:.3f}" if p_value >= 1e-3 else f"{p_value:.0e}"
 
 
-def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
+def rejected_table(registration: Mapping[str, Any]) -> str:
     """Return the table of mapolas that were not used, with the reasons."""
     left = [entry for entry in registration["per_mapola"] if not entry.get("used")]
     if not left:
@@ -96,9 +97,10 @@ def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
             number_text(entry.get("correlation"), _SHARE),
             f"{TEXT_CELL}{escape(str(entry.get('reason') or 'not stated'))}",
         ]
-        for entry in left[:most]
+        for entry in left[:_MOST_ROWS]
     ]
-    more = f"; {len(left) - most} more are in registration.json" if len(left) > most else ""
+    further = len(left) - _MOST_ROWS
+    more = f"; {further} more are in registration.json" if further > 0 else ""
     caption = f"{len(left)} mapolas not used{more}"
     return html_table(["mapola", "coverage", "correlation", "reason"], rows, caption=caption)
 

@@ -3,19 +3,59 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
-# Items found finished take less than this share of the time that the slowest takes for its size.
-_KEPT = 0.1
+__all__ = ["RemainingTime", "Timed", "note_done", "note_found"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class _Work(threading.local):
+    """Whether the work on the current item of this thread was found finished, or done."""
+
+    found = False
+    done = False
+
+
+_work = _Work()
+
+
+def note_found() -> None:
+    """Note that a result of the current item was found finished: its time is that of no work."""
+    _work.found = True
+
+
+def note_done() -> None:
+    """Note that a result of the current item was computed."""
+    _work.done = True
+
+
+@dataclass(frozen=True)
+class Timed(Generic[Item, Result]):
+    """A function that also returns its seconds; NaN if its result was found finished."""
+
+    function: Callable[[Item], Result]
+
+    def __call__(self, item: Item) -> tuple[Result, float]:
+        """Return ``function(item)`` and the time that it took."""
+        _work.found = _work.done = False
+        begun = time.monotonic()
+        result = self.function(item)
+        only_found = _work.found and not _work.done
+        return result, math.nan if only_found else time.monotonic() - begun
 
 
 @dataclass
 class RemainingTime:
     """Time that items still take.
 
-    The first item of each worker does not count, as its code may be compiled meanwhile; nor do
-    items that were found finished: the others may have to be computed.
+    The first item that each worker computes does not count, as its code may be compiled meanwhile;
+    nor do items that were found finished: the others may have to be computed.
 
     Parameters
     ----------
@@ -30,26 +70,18 @@ class RemainingTime:
     _seconds: list[float] = field(default_factory=list)
 
     def add(self, seconds: float) -> None:
-        """Count the next item as done; `seconds` is the time that its worker took."""
+        """Count the next item as done; `seconds` is from :class:`Timed`."""
         self._seconds.append(seconds)
 
     @property
     def seconds(self) -> float:
         """Seconds until all items are done; NaN as long as nothing can be said."""
-        done = len(self._seconds)
-        left = sum(self.sizes[done:])
+        left = sum(self.sizes[len(self._seconds) :])
         if not left:
             return 0.0
-        timed = [
-            (each / size, size)
-            for each, size in zip(
-                self._seconds[self.workers :], self.sizes[self.workers :], strict=False
-            )
-            if size > 0.0
-        ]
-        slowest = max((rate for rate, _ in timed), default=math.nan)
-        counted = [(rate * size, size) for rate, size in timed if rate >= _KEPT * slowest]
-        if not counted:
+        done = zip(self._seconds, self.sizes, strict=False)
+        counted = [(each, size) for each, size in done if not math.isnan(each)][self.workers :]
+        work = sum(size for _, size in counted)
+        if not work:
             return math.nan
-        rate = sum(each for each, _ in counted) / sum(size for _, size in counted)
-        return rate * left / self.workers
+        return sum(each for each, _ in counted) / work * left / self.workers

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import located_store, return_paths
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.results import transform_of
 from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
+from fusion.scene.geolocation import located_store, return_paths
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.fusing import FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.fusing.uncertainty import SlopeInformation
 from fusion.pipeline import Stage, StageContext, StageResult, find_table, with_kept
 from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
-from fusion.verdict import Code, Finding, Severity, Verdict
+from fusion.stages.line_scans import line_scans_not_used
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings
@@ -65,12 +66,17 @@ class FuseStage(Stage):
         grids = {name: scene.grid_of(name) for name in scene.targets}
         chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
         sizes = [float(grid.size**2) for grid in chosen.values()]
+        remarks = _estimated_again(context, tally.summary(information), len(chosen))
+        for remark in remarks:
+            context.progress.note(f"note: {remark.text} [{remark.code}]")
         done = tally.passed(context.stream("fuse maplets", fused, chosen, sizes=sizes))
         folder = workspace.home / "fused"
         make_folder(folder)
         write_fused(folder, with_kept(grids, chosen, done, _kept_in(workspace)))
         summary = {**tally.summary(information), **tally.verdict().as_json()}
-        return StageResult(tuple(workspace.fused_paths()), summary)
+        if table.light != "none":
+            summary |= line_scans_not_used(workspace)
+        return StageResult(tuple(workspace.fused_paths()), summary, remarks=remarks)
 
 
 STAGE = FuseStage()
@@ -86,12 +92,48 @@ def fuse_options(table: FuseSettings) -> FuseOptions:
     )
 
 
+def _estimated_again(
+    context: StageContext, now: Mapping[str, Any], count: int
+) -> tuple[Finding, ...]:
+    """Return why kept maplets are fused again, if the estimated errors of SPC are others.
+
+    They come from a sample of maplets, compared with the lidar by the registration. If one of
+    these changes, all maplets have other errors: a kept one would not be that of a fresh run.
+    """
+    if context.last is None:
+        return ()
+    before = context.last.summary
+    changed = [
+        f"{title} {before[key]:.4g} → {now[key]:.4g}{unit}"
+        for key, (title, unit) in _ERRORS.items()
+        if before.get(key) is not None and before[key] != now[key]
+    ]
+    if not changed:
+        return ()
+    registration = context.workspace.registration_path.name
+    other = context.last.inputs.get(registration) != context.inputs.get(registration)
+    text = (
+        f"{'after another registration ' if other else ''}the errors of SPC were estimated again "
+        f"({', '.join(changed)}), so "
+        f"{'the maplet is' if count == 1 else f'all {count} maplets are'} fused again"
+    )
+    return (Finding(Code.SPC_ERRORS_CHANGED, Severity.NOTE, text),)
+
+
 def _kept_in(workspace: Workspace) -> Callable[[str], FusedMaplet | None]:
     """Return a function that reads a fused maplet of an earlier run; None if there is none."""
     there = set(workspace.fused_names())
     return lambda name: workspace.fused(name) if name in there else None
 
 
+# Estimated errors of SPC in the summary, and their units.
+_ERRORS = {
+    "spc_height_sigma_m": ("heights", " m"),
+    "spc_step_sigma_m": ("steps", " m"),
+    "spc_steep_sigma": ("per slope", ""),
+    "spc_bend_sigma": ("per bending", ""),
+    "spc_correlated_cells": ("correlated over", " cells"),
+}
 # Limit of the differences of lidar and SPC in one maplet relative to those of the solution; for
 # correct input they lie within 0.8 and 1.4.
 _CONTRADICTS = 3.0

@@ -29,6 +29,7 @@ from fusion.products import (
 )
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
 from fusion.runtime.folders import make_folder
+from fusion.runtime.remaining import note_found
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings
@@ -170,6 +171,7 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
     def one(name: str) -> list[Product]:
         done = build / f".{stems[name]}.json"
         if finished := _finished(done):
+            note_found()
             return finished
         made_from = origins.made_from(name)
         maplet, provenance = load_fused(workspace, name), origins.provenance(made_from)

@@ -32,16 +32,16 @@ def gauss_newton(
 ) -> tuple[FloatArray, FloatArray, float, int, bool]:
     """Displace, linearise, re-weight and solve until the displacement converges.
 
-    `layers` are the spline's coefficients, the fixed surface, sigma, and the partials with respect
-    to tilts. `known` are the masks of the displaced surface (as in :func:`displaced`) and of the
-    fixed one. `observable` (2, K) are the directions in which the displacement is estimated.
-
     Returns shift (2,), plane (3,), spread, iterations (0 if too few points are common), converged.
 
     Parameters
     ----------
-    layers, known, observable : tuples and ndarray
-        As above.
+    layers : tuple
+        The spline's coefficients, the fixed surface, sigma, the partials with respect to tilts.
+    known : tuple
+        Masks of the displaced surface (as in :func:`displaced`) and of the fixed one.
+    observable : (2, K) ndarray
+        Directions in which the displacement is estimated.
     level : float
         Gain of the whitening filter for a constant height; 1 without a filter.
     start : (2,) ndarray
@@ -71,13 +71,7 @@ def gauss_newton(
             weight = _weights(residual, compared, spread, iteration > _ROUNDS_OF_HUBER)
             normal, right = weighted_products(weight, rows, difference)
             estimate = np.linalg.solve(normal, right)
-        most = 0.0
-        for axis in range(2):
-            offset = 0.0
-            for k in range(along):
-                offset += observable[axis, k] * min(max(estimate[k], -1.0), 1.0)
-            shift[axis] += offset
-            most = max(most, abs(offset))
+        most = _move(shift, estimate, observable)
         # Where a displacement changes which points are compared, it oscillates by some thousandths
         # of a cell.
         enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _OSCILLATION)
@@ -86,6 +80,19 @@ def gauss_newton(
         if most < enough and iteration >= fewest:
             return shift, estimate[along:], spread, iteration, True
     return shift, estimate[along:], spread, limits[0], False
+
+
+@compiled
+def _move(shift: FloatArray, estimate: FloatArray, observable: FloatArray) -> float:
+    """Move `shift` (2,) by up to one cell in each direction; return the largest step."""
+    most = 0.0
+    for axis in range(2):
+        offset = 0.0
+        for k in range(observable.shape[1]):
+            offset += observable[axis, k] * min(max(estimate[k], -1.0), 1.0)
+        shift[axis] += offset
+        most = max(most, abs(offset))
+    return most
 
 
 @compiled

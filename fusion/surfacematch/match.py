@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch.alignment import (
     Aligner,
     Alignment,
@@ -21,7 +22,6 @@ from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
 from fusion.surfacematch.resolution.resolution import blurred_over_gaps
 from fusion.surfacematch.values import Match, MatchOptions, Surface
 from fusion.surfacematch.weights import BEST_SHARE
-from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged, closable, plane_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.verdict import Cause
+from fusion.estimation.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 

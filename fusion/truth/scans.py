@@ -15,7 +15,8 @@ from lidar.truth import (
     scan_name,
     write_scans,
 )
-from spcola.truth.campaign import Pass, day_of
+from spcola.navigation import iso_utc
+from spcola.truth.campaign import Pass
 
 
 def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict[str, Observation]:
@@ -29,7 +30,7 @@ def day_biases(
     observations: Mapping[str, Observation], settings: MissionSettings
 ) -> dict[str, float]:
     """Return the relative bias of the ranges of each day with observations."""
-    days = sorted({day_of(at.middle) for at in observations.values()})
+    days = sorted({iso_utc(at.middle, 0)[:10] for at in observations.values()})
     biases = settings.day_scale_bias or (0.0,)
     return {day: biases[number % len(biases)] for number, day in enumerate(days)}
 
@@ -45,7 +46,9 @@ def write_observations(
     def make(name: str) -> ScanErrors:
         at = observations[name]
         errors = ScanErrors.drawn(
-            work.settings.lidar, work.random(f"errors {name}"), range_scale=days[day_of(at.middle)]
+            work.settings.lidar,
+            work.random(f"errors {name}"),
+            range_scale=days[iso_utc(at.middle, 0)[:10]],
         )
         if missing(_path(work, name)):
             _write(work, name, at, errors)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.runtime import usable_cores
+from fusion.truth.blind.plan import blind_stations
 from fusion.truth.blind.settings import BlindSettings
 from fusion.truth.images import FINEST, SURFACE_BYTES
 from fusion.truth.presets import MissionSettings
@@ -39,6 +40,8 @@ class MissionSize:
 
     Attributes
     ----------
+    radius : float
+        Mean radius of the body, metres.
     scans, shots, returns : int
         Lidar files; shots of all of them together, and the expected returns.
     maplets, states, images : int
@@ -51,6 +54,7 @@ class MissionSize:
         Estimated, at most.
     """
 
+    radius: float
     scans: int
     shots: int
     returns: int
@@ -63,6 +67,7 @@ class MissionSize:
 
     def lines(self) -> Iterator[str]:
         """Yield the forecast as lines of text."""
+        yield f"a body of {self.radius:,g} m in mean radius"
         yield f"{self.scans} lidar files, {self.returns:,} returns"
         if self.images and not self.maplets:
             yield f"{self.images} raw images"
@@ -88,7 +93,8 @@ def mission_size(settings: MissionSettings) -> MissionSize:
     nodes = maplets * (2 * settings.solution.half_size + 1) ** 2
     solid = settings.solid if isinstance(settings, BlindSettings) else None
     in_passes = 0 if solid else passes * settings.states.per_pass
-    states = (in_passes + settings.campaign.images) if settings.spc or solid else 0
+    campaign = _campaign_images(settings)
+    states = (in_passes + campaign) if settings.spc or solid else 0
     images = states if settings.images else 0
     pixels = images * settings.campaign.detector**2
     size = sum(file.bytes for file in files) + nodes * _NODE_BYTES + maplets * _LANDMARK_BYTES
@@ -105,9 +111,16 @@ def mission_size(settings: MissionSettings) -> MissionSize:
         samples = 6.0 * (2.0 * settings.body.radius / FINEST) ** 2
         memory += min(samples * _SAMPLE_BYTES, SURFACE_BYTES)
     return MissionSize(
-        len(files), shots, sum(file.returns for file in files), maplets, states, images,
+        settings.body.radius, len(files), shots, sum(file.returns for file in files),
+        maplets, states, images,
         float(size), _BASE_SECONDS + seconds / usable_cores(), memory,
     )  # fmt: skip
+
+
+def _campaign_images(settings: MissionSettings) -> int:
+    if isinstance(settings, BlindSettings):
+        return len(blind_stations(settings))
+    return settings.campaign.images
 
 
 def check_room(root: Path, size: MissionSize) -> None:

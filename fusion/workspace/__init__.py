@@ -1,6 +1,7 @@
 """A workspace: the folder that holds an SPC solution, lidar scans and their results."""
 
 from fusion.workspace.initialise import new_workspace
+from fusion.workspace.listing import visible_files
 from fusion.workspace.solution_records.record import IMPORTED
 from fusion.workspace.workspace import (
     OWN_FOLDERS,
@@ -18,4 +19,5 @@ __all__ = [
     "SPC_LISTS",
     "Workspace",
     "new_workspace",
+    "visible_files",
 ]

@@ -6,7 +6,9 @@ import shutil
 from pathlib import Path
 from typing import Literal
 
+from fusion.workspace.settings.inputs import BodySettings
 from fusion.workspace.settings.settings import Settings
+from fusion.workspace.solution_records.record import SOLUTION_FILE, read_record
 from fusion.workspace.workspace import SETTINGS_FILE, SPC_FOLDERS, SPC_LISTS, Workspace
 from spcola.atomic import replacing, write_error
 from spcola.errors import WorkspaceError
@@ -30,7 +32,8 @@ def new_workspace(
         Name of the body.
     spc : Path, optional
         An SPC working folder. Its files are linked (a new solution there is then used here), or
-        copied if the file system has no links. If it is `root`, nothing is done.
+        copied if the file system has no links. If it is `root`, nothing is done. If a workspace
+        exported it, the body constants in its ``solution.json`` are taken.
     shape : Path, optional
         A shape model; it is read once as a check, and copied.
     shape_unit : {"km", "m"}
@@ -41,7 +44,8 @@ def new_workspace(
     Raises
     ------
     WorkspaceError
-        If `root` is a workspace already, or `spc` is no SPC folder.
+        If `root` is a workspace already, or `spc` is no SPC folder, or its ``solution.json`` is
+        damaged.
     FormatError
         If `shape` is no shape model.
     SettingsError
@@ -49,13 +53,15 @@ def new_workspace(
     """
     if (root / SETTINGS_FILE).exists():
         raise WorkspaceError("is a workspace already", root, f"edit its {SETTINGS_FILE}")
-    settings = Settings().with_table(
-        "body",
-        name=body,
-        shape="" if shape is None else shape.name,
-        shape_unit=shape_unit,
-        faces_from=faces_from,
-    )
+    given = {
+        "name": body,
+        "shape": "" if shape is None else shape.name,
+        "shape_unit": shape_unit,
+        "faces_from": faces_from,
+    }
+    plain = BodySettings().model_dump()
+    given = {key: value for key, value in given.items() if value != plain[key]}
+    settings = _exported(spc).with_table("body", **given)
     if shape is not None:
         read_shape(shape, unit=shape_unit, faces_from=faces_from)
     linked = [] if spc is None or _same(spc, root) else spc_files(spc)
@@ -97,6 +103,13 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
                 "is a link that leads nowhere", entry, "bring its file back, or remove the link"
             )
     return inside
+
+
+def _exported(spc: Path | None) -> Settings:
+    """Return the default settings with the constants of an exported solution."""
+    if spc is None or not (spc / SOLUTION_FILE).is_file():
+        return Settings()
+    return Settings().with_tables(read_record(spc).constants, spc / SOLUTION_FILE)
 
 
 def _link(source: Path, target: Path) -> None:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import Any
 
 from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
 from fusion.runtime.folders import make_folder
+from fusion.workspace.json_file import read_object
+from fusion.workspace.listing import (
+    entry_names,
+    is_there,
+    listed_names,
+    visible_files,
+    visible_names,
+)
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
+from fusion.workspace.shape_file import check_unit, shape_file
 from fusion.workspace.solution_records.record import (
     IMPORTED,
+    SOLUTION_FILE,
     name_in_use,
     read_solution,
     solution_folder,
@@ -25,21 +32,21 @@ from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
 from lidar.gridding import Mapola
 from spcola import atomic
 from spcola.camera import SpcImage
+from spcola.camera.linescan import LineScanImage
 from spcola.control import Landmark
 from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
 from spcola.formats.maplets import read_maplet, sigma_path
 from spcola.formats.shapes import read_shape
-from spcola.formats.solution import read_landmark, read_list, read_summary
+from spcola.formats.solution import read_landmark, read_summary
+from spcola.formats.solution.exact_camera import camera_files
+from spcola.formats.solution.line_scan import LINE_SCAN_SUFFIX, read_line_scan
 from spcola.grids import Maplet
 from spcola.shape import Mesh
 
 SETTINGS_FILE = "spcola.toml"
 SPC_FOLDERS = ("MAPFILES", "LMKFILES", "SUMFILES", "IMAGEFILES", "SHAPEFILES", "NOMINALS")
 SPC_LISTS = ("PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT")
-# Surface points lie within this factor of the mean radius; a wrong unit (metres for kilometres)
-# is a factor of a thousand.
-_UNIT_FACTOR = 30.0
 # Folders that all solutions share.
 _SHARED = ("scans", "IMAGEFILES")
 OWN_FOLDERS = ("scans", "mapolas", "fused", "bigmaps", "pairs", "release")
@@ -109,13 +116,15 @@ class Workspace:
         return cls(root)
 
     def settings(self) -> Settings:
-        """Read ``spcola.toml``, and apply what the solution changed of it."""
+        """Read ``spcola.toml``, and apply what the solution changed of it; both are checked.
+
+        Raises
+        ------
+        SettingsError, WorkspaceError
+        """
         settings = load_settings(self.root / SETTINGS_FILE)
-        if self.solution == IMPORTED:
-            return settings
-        for table, values in read_solution(self.root, self.solution).constants.items():
-            settings = settings.with_table(table, **values)
-        return settings
+        record = read_solution(self.root, self.solution)
+        return settings.with_tables(record.constants, self.home / SOLUTION_FILE)
 
     @property
     def home(self) -> Path:
@@ -145,13 +154,10 @@ class Workspace:
 
     def maplet_names(self) -> list[str]:
         """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
-        return [name for name in self._all_maplets() if name not in self.left_out]
-
-    def _all_maplets(self) -> list[str]:
-        for listing in ("MAPLIST.TXT", "LMRKLIST.TXT"):
-            if _is_there(self.home / listing):
-                return self._listed(listing, "landmark", "MAPFILES", ".MAP")
-        return self._stems("MAPFILES", ".MAP")
+        listed = is_there(self.home / "MAPLIST.TXT")
+        listing = self.home / ("MAPLIST.TXT" if listed else "LMRKLIST.TXT")
+        names = listed_names(listing, "landmark", "MAPFILES", ".MAP")
+        return [name for name in names if name not in self.left_out]
 
     def maplet_path(self, name: str) -> Path:
         """Return where the maplet `name` lies."""
@@ -159,11 +165,13 @@ class Workspace:
 
     def maplet_files(self) -> list[Path]:
         """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
-        paths = []
+        folder, paths = self.home / "MAPFILES", []
+        there = entry_names(folder)
         for name in self.maplet_names():
-            path = self.maplet_path(name)
-            companion = sigma_path(path)
-            paths += [path, companion] if _is_there(companion) else [path]
+            map_file = folder / f"{name}.MAP"
+            paths.append(map_file)
+            if f"{name}.SIG" in there:
+                paths.append(sigma_path(map_file))
         return paths
 
     def maplet(self, name: str) -> Maplet:
@@ -172,9 +180,7 @@ class Workspace:
 
     def landmark_names(self) -> list[str]:
         """Return the landmarks: those of LMRKLIST.TXT, else all in LMKFILES."""
-        if _is_there(self.home / "LMRKLIST.TXT"):
-            return self._listed("LMRKLIST.TXT", "landmark", "LMKFILES", ".LMK")
-        return self._stems("LMKFILES", ".LMK")
+        return listed_names(self.home / "LMRKLIST.TXT", "landmark", "LMKFILES", ".LMK")
 
     def landmark_path(self, name: str) -> Path:
         """Return where the landmark `name` lies."""
@@ -186,9 +192,7 @@ class Workspace:
 
     def image_names(self) -> list[str]:
         """Return the images: those of PICTLIST.TXT, else all in SUMFILES."""
-        if _is_there(self.home / "PICTLIST.TXT"):
-            return self._listed("PICTLIST.TXT", "image", "SUMFILES", ".SUM")
-        return self._stems("SUMFILES", ".SUM")
+        return listed_names(self.home / "PICTLIST.TXT", "image", "SUMFILES", ".SUM")
 
     def image_path(self, name: str) -> Path:
         """Return where the SUM file of the image `name` lies."""
@@ -214,13 +218,28 @@ class Workspace:
         camera = image.camera
         return replace(image, pixels=read_image_data(path, camera.width, camera.height))
 
+    def line_scan_names(self) -> list[str]:
+        """Return the line-scan images with states."""
+        return self._stems("SUMFILES", LINE_SCAN_SUFFIX)
+
+    def line_scan_path(self, name: str) -> Path:
+        """Return where the states of the line-scan image `name` lie."""
+        return self.home / "SUMFILES" / f"{name}{LINE_SCAN_SUFFIX}"
+
+    def line_scan(self, name: str) -> LineScanImage:
+        """Read the states of the line-scan image `name` (no pixels)."""
+        return read_line_scan(self._present(self.line_scan_path(name), "line-scan image"))
+
+    def state_files(self) -> list[Path]:
+        """Return the files of all images' states: each .SUM, and the cameras next to them."""
+        summaries = [self.image_path(name) for name in self.image_names()]
+        return [*summaries, *camera_files(self.home / "SUMFILES")]
+
     def image_files(self) -> list[Path]:
-        """Return the files of all images: each .SUM, and its pixels where IMAGEFILES has them."""
-        paths = []
-        for name in self.image_names():
-            exposure = self.exposure_path(name)
-            paths += [self.image_path(name), *([exposure] if _is_there(exposure) else [])]
-        return paths
+        """Return the files of all images: states, and pixels where IMAGEFILES has them."""
+        there = entry_names(self.root / "IMAGEFILES")
+        exposures = [self.exposure_path(name) for name in self.image_names()]
+        return [*self.state_files(), *(path for path in exposures if path.name in there)]
 
     def shape_path(self) -> Path:
         """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.
@@ -234,19 +253,11 @@ class Workspace:
         chosen = self.settings().body.shape
         if chosen:
             return self._present(folder / chosen, "shape")
-        files = self._files(folder)
-        if len(files) == 1:
-            return files[0]
-        if folder / "SHAPE.TXT" in files:
-            return folder / "SHAPE.TXT"
-        if not files:
-            raise WorkspaceError("holds no shape", folder, "put one there, or init with --shape")
-        names = ", ".join(file.name for file in files)
-        raise WorkspaceError(f"holds several shapes ({names})", folder, "set [body] shape")
+        return shape_file(folder)
 
     def has_shape(self) -> bool:
         """Return whether there is any file in SHAPEFILES."""
-        return bool(self._files(self.home / "SHAPEFILES"))
+        return bool(visible_files(self.home / "SHAPEFILES"))
 
     def shape(self) -> Mesh:
         """Read the shape model.
@@ -263,14 +274,7 @@ class Workspace:
         )
         names = self.maplet_names()
         if names and self.maplet_path(names[0]).is_file():
-            away = float(np.linalg.norm(self.maplet(names[0]).grid.center))
-            if not mesh.mean_radius / _UNIT_FACTOR < away < mesh.mean_radius * _UNIT_FACTOR:
-                raise WorkspaceError(
-                    f"has a mean radius of {mesh.mean_radius:.4g} m, but the maplet {names[0]} "
-                    f"lies {away:.4g} m from the centre",
-                    path,
-                    "check the units: [body] shape_unit for an OBJ or PLY, km in all SPC files",
-                )
+            check_unit(mesh, path, self.maplet(names[0]))
         return mesh
 
     def scan_names(self) -> list[str]:
@@ -291,7 +295,7 @@ class Workspace:
 
     def mapola_paths(self) -> list[Path]:
         """Return the files of all mapolas: their maps and the HDF5 with the other layers."""
-        return self._files(self.home / "mapolas")
+        return visible_files(self.home / "mapolas")
 
     def mapola(self, name: str) -> Mapola:
         """Read the mapola `name`."""
@@ -313,7 +317,7 @@ class Workspace:
 
     def fused_paths(self) -> list[Path]:
         """Return the files of all fused maplets: maps, sigmas and the HDF5 of the rest."""
-        return self._files(self.home / "fused")
+        return visible_files(self.home / "fused")
 
     def fused_path(self, name: str) -> Path:
         """Return where the fused maplet `name` lies."""
@@ -362,70 +366,15 @@ class Workspace:
         WorkspaceError
             If it is missing or holds no JSON object.
         """
-        path = self.home / name
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
-        except (ValueError, RecursionError) as error:
-            raise WorkspaceError(
-                f"is not JSON ({error})", path, "remove it and run again"
-            ) from error
-        if not isinstance(content, dict):
-            raise WorkspaceError("holds no JSON object", path, "remove it and run again")
-        return content
-
-    def _listed(
-        self, listing: str, kind: Literal["image", "landmark"], folder: str, suffix: str
-    ) -> list[str]:
-        """Return the names in `listing`; an empty list next to a full folder is refused."""
-        names = read_list(self.home / listing, kind=kind)
-        if not names and (there := len(self._stems(folder, suffix))):
-            raise WorkspaceError(
-                f"lists nothing, but {folder} holds {there} files",
-                self.home / listing,
-                "write their names into it, or remove it to take all of them",
-            )
-        return names
+        return read_object(self.home / name)
 
     def _stems(self, folder: str, suffix: str) -> list[str]:
         """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
         base = self.root if folder in _SHARED else self.home
-        return [p.stem for p in self._files(base / folder, suffix) if p.suffix == suffix]
-
-    @staticmethod
-    def _files(folder: Path, suffix: str = "") -> list[Path]:
-        """Return the visible files of a folder, sorted; none where there is no folder.
-
-        A link that leads nowhere, and a folder with the `suffix` of a file, are refused: what they
-        stand for would be left out silently.
-        """
-        try:
-            entries = sorted(entry for entry in folder.iterdir() if entry.name[0] != ".")
-            for entry in entries:
-                if entry.is_symlink() and not entry.exists():
-                    raise WorkspaceError(
-                        f"is a link to {entry.readlink()}, which is not there",
-                        entry,
-                        "bring that back, or remove the link",
-                    )
-                if suffix and entry.suffix == suffix and not entry.is_file():
-                    raise WorkspaceError("is no file", entry, "move it elsewhere")
-            return [entry for entry in entries if entry.is_file()]
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise WorkspaceError(
-                f"cannot be listed ({error.strerror})", folder, "check its permissions"
-            ) from error
+        return [name.removesuffix(suffix) for name in visible_names(base / folder, suffix)]
 
     def _present(self, path: Path, what: str) -> Path:
         """Return `path`, refused unless it is a file."""
         if not path.is_file():
             raise WorkspaceError(f"the {what} is not there", path, f"see: spcola info {self.root}")
         return path
-
-
-def _is_there(path: Path) -> bool:
-    """Return whether this path exists, even as a link that leads nowhere."""
-    return path.exists() or path.is_symlink()

@@ -22,7 +22,7 @@ from lidar.geolocation.mirror import MirrorMotion
 from lidar.geolocation.range_shift import RangeShift
 from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import BoolArray, FloatArray, read_only
 from spcola.errors import InvalidValueError
 from spcola.navigation import Offset, Spin, Trajectory
 
@@ -103,7 +103,13 @@ class Geolocation:
             points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
         moved, kept = move_points(
-            points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
+            _alike(points),
+            _alike(time),
+            _alike(self.turn_time),
+            _alike(self.turn),
+            _alike(self.shift_time),
+            _alike(self.shift),
+            gap,
         )
         return moved, kept
 
@@ -255,3 +261,8 @@ def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) 
     begin, end = span[0], max(span[1], span[0] + 1.0)
     count = int(np.clip(np.ceil((end - begin) / step), 1, _MOST_TIMES))
     return np.linspace(begin, end, count + 1)
+
+
+def _alike(array: FloatArray) -> FloatArray:
+    """Return `array` as the kernel gets all of them, so that it is compiled once."""
+    return read_only(np.ascontiguousarray(array))

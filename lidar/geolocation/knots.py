@@ -70,10 +70,8 @@ def knots(
     while len(low):
         middle = _middle(low, high, times)
         split = (middle > low) & (middle < high)
-        low, high, at_low, at_high, middle = (
-            one[split] for one in (low, high, at_low, at_high, middle)
-        )
-        value = sample(middle)
+        low, high, middle = low[split], high[split], middle[split]
+        at_low, at_high, value = at_low[split], at_high[split], sample(middle)
         found.append((middle, value))
         share = ((middle - low) / (high - low))[:, None]
         off = departure(value - at_low - share * (at_high - at_low))

@@ -138,15 +138,9 @@ class KernelPlace:
             mirror = MirrorMotion(self.mirror, time[known], station, before)
         turns = known & bool(turn[known].any())
         return Geolocation(
-            time[turns],
-            turn[turns],
-            time,
-            value[:, 3:6],
-            moves=True,
-            error_m=error,
-            mirror=mirror,
-            outside=Unlocated.OUTSIDE_KERNELS,
-        )
+            time[turns], turn[turns], time, value[:, 3:6], moves=True, error_m=error,
+            mirror=mirror, outside=Unlocated.OUTSIDE_KERNELS,
+        )  # fmt: skip
 
     def _departure(self, old: Trajectory, radius: float, off: FloatArray) -> FloatArray:
         """Displacement of returns (N,), m, due to errors of rotation, shift and axes (N, 15)."""

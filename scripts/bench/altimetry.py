@@ -32,8 +32,8 @@ import numpy as np
 from scipy.stats import binned_statistic_2d
 from truth import timed
 
-from fusion.geolocation import ReturnSource, gridding_options
 from fusion.runtime import Progress, ThreadExecutor
+from fusion.scene.geolocation import ReturnSource, gridding_options
 from fusion.stages.mapolas import mapola_grids
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings

@@ -4,7 +4,8 @@ Makes a mission of a preset, forecasts each stage as the workspace is before any
 right before the stage runs, then runs it. Printed for each stage: seconds forecast and taken, their
 ratio (limit: a factor of 2), disk forecast and taken, and for each part of it that takes over two
 seconds the time left that was shown after a tenth of its items and the time that it then took
-(limit: a factor of 1.5).
+(limit: a factor of 1.5). Then the registration by returns and by images, and the scale by single
+shots, in the same way.
 
     python scripts/bench/forecast.py [--presets tiny mini] [--seed 1] [--work DIR]
 """
@@ -18,16 +19,24 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from fusion.inspection.forecasts import stage_forecasts
+from fusion.inspection.forecasts import StageForecast, stage_forecasts
 from fusion.pipeline import Pipeline
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.runtime.progress import Task
 from fusion.stages import import_scans, load_stages
 from fusion.truth import PRESETS, make_mission
 from fusion.workspace import Workspace, new_workspace
+from fusion.workspace.settings import Settings
 
 FACTOR, FACTOR_LEFT, SHORTEST_S = 2.0, 1.5, 2.0
+# Other ways of a stage: stage, table, values.
+OTHER_WAYS: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("register", "register", {"by": "returns"}),
+    ("scale", "scale", {"method": "shots"}),
+    ("register", "register", {"by": "images"}),
+)
 
 
 class Watching(Progress):
@@ -77,31 +86,44 @@ def bench(work: Path, preset: str, seed: int) -> None:
     workspace = new_workspace(work / f"{preset}-ws", body="Truth", spc=mission / "spc")
     import_scans(workspace, sorted((mission / "lidar").iterdir()))
     settings, stages = workspace.settings(), load_stages()
+    others = [
+        stage_forecasts(workspace, settings.with_table(table, **values), only=name)[name]
+        for name, table, values in OTHER_WAYS
+    ]
     begun = time.monotonic()
     before = stage_forecasts(workspace, settings)
     print(f"{preset}: forecast of the whole run in {time.monotonic() - begun:.1f} s")
-    print(f"  {'stage':10}{'before, s':>10}{'now, s':>8}{'taken, s':>9}{'ratio':>7}{'':4}disk, MB")
+    print(
+        f"  {'stage':10}{'before, s':>10}{'now, s':>8}{'taken, s':>9}{'ratios':>13}{'':5}disk, MB"
+    )
     total = 0.0
     for stage in stages:
-        now = stage_forecasts(workspace, settings, only=stage.name)[stage.name]
-        watch = Watching()
-        free = size_of(workspace)
-        begun = time.monotonic()
-        Pipeline(workspace, settings, stages, ThreadExecutor(), watch).run_stage(stage.name)
-        took = time.monotonic() - begun
-        total += took
-        first = before[stage.name]
-        print(
-            f"  {stage.name:10}{first.seconds:10.1f}{now.seconds:8.1f}{took:9.1f}"
-            f"{verdict(first.seconds, took, FACTOR)}    {first.disk_bytes / 1e6:.1f} "
-            f"forecast, {(size_of(workspace) - free) / 1e6:.1f} taken; "
-            f"{first.basis}, {now.basis}"
-        )
-        for title, left, actual in watch.shown:
-            print(f"    {title}: {left:.1f} s left, {actual:.1f} taken"
-                  f"{verdict(left, actual, FACTOR_LEFT)}")  # fmt: skip
+        total += forecast_and_run(workspace, settings, stage.name, before[stage.name])
     whole = sum(one.seconds for one in before.values())
     print(f"  {'all':10}{whole:10.1f}{'':8}{total:9.1f}{verdict(whole, total, FACTOR)}")
+    for (name, table, values), first in zip(OTHER_WAYS, others, strict=True):
+        print(f"  {', '.join(map(str, values.values()))}:")
+        forecast_and_run(workspace, settings.with_table(table, **values), name, first)
+
+
+def forecast_and_run(
+    workspace: Workspace, settings: Settings, stage: str, first: StageForecast
+) -> float:
+    """Forecast a stage as the workspace is now, run it, print both; return the seconds it took."""
+    now = stage_forecasts(workspace, settings, only=stage)[stage]
+    watch, free, begun = Watching(), size_of(workspace), time.monotonic()
+    Pipeline(workspace, settings, load_stages(), ThreadExecutor(), watch).run_stage(stage)
+    took = time.monotonic() - begun
+    print(
+        f"  {stage:10}{first.seconds:10.1f}{now.seconds:8.1f}{took:9.1f}"
+        f"{verdict(first.seconds, took, FACTOR)}{verdict(now.seconds, took, FACTOR)}    "
+        f"{first.disk_bytes / 1e6:.1f} forecast, {(size_of(workspace) - free) / 1e6:.1f} taken; "
+        f"{first.basis}, {now.basis}", flush=True,
+    )  # fmt: skip
+    for title, left, actual in watch.shown:
+        print(f"    {title}: {left:.1f} s left, {actual:.1f} taken"
+              f"{verdict(left, actual, FACTOR_LEFT)}")  # fmt: skip
+    return took
 
 
 def verdict(forecast: float, taken: float, factor: float) -> str:

@@ -6,13 +6,11 @@ All are made here or by the program's own writers.
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import laspy
 import numpy as np
 from fuzz_cameras import (
     ATTITUDES,
@@ -26,6 +24,7 @@ from fuzz_cameras import (
     write_camera_file,
 )
 from fuzz_cameras import KERNEL as INSTRUMENT
+from fuzz_clouds import las, pcd, ply_cloud, table
 from fuzz_images import isis, pds3, read_cube, read_image, write_pds4, write_raster
 from fuzz_kernels import (
     KERNEL,
@@ -49,7 +48,6 @@ from fuzz_rows import (
     nlr,
     rows,
     track,
-    utc,
 )
 
 from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
@@ -102,6 +100,8 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.shape.icq import IcqShape, icq_directions
 
 Form = Literal["binary", "text", "hdf5", "json"]
+
+
 GRID = MapletGrid.facing([230.0, 30.0, -50.0], [1.0, 0.1, -0.2], 0.5, 4)
 
 
@@ -156,53 +156,6 @@ def _bytes(name: str, content: Callable[[], bytes]) -> Callable[[Path], Path]:
 
 def _icq() -> IcqShape:
     return IcqShape(250.0 * icq_directions(3), None, "ball")
-
-
-def _table() -> bytes:
-    lines = ["x_m,y_m,z_m,scx_m,scy_m,scz_m,range_m,utc,flag"]
-    for index, (point, craft) in enumerate(zip(POINTS, CRAFT, strict=True)):
-        values = [*point, *craft, float(np.linalg.norm(point - craft))]
-        lines.append(",".join([*(repr(float(v)) for v in values), utc(index), "0"]))
-    return ("\n".join(lines) + "\n").encode()
-
-
-def _ply_cloud(encoding: str) -> bytes:
-    lines = ["ply", f"format {encoding} 1.0", "comment x", "element camera 1"]
-    lines += ["property float focus", f"element vertex {COUNT}", "property uchar label"]
-    lines += [f"property double {axis}" for axis in "xyz"] + ["property float intensity"]
-    head = ("\n".join([*lines, "end_header"]) + "\n").encode()
-    if encoding == "ascii":
-        rows = [f"7 {x!r} {y!r} {z!r} 2.5\n" for x, y, z in POINTS.tolist()]
-        return head + b"1.5\n" + "".join(rows).encode()
-    data = b"".join(struct.pack("<Bdddf", 7, *point, 2.5) for point in POINTS)
-    return head + struct.pack("<f", 1.5) + data
-
-
-def _pcd(data: str) -> bytes:
-    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity\nSIZE 8 8 8 1 4\nTYPE F F F U F\n"
-    header += f"COUNT 1 1 1 3 1\nWIDTH {COUNT}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {COUNT}\n"
-    head = f"{header}DATA {data}\n".encode()
-    if data == "ascii":
-        return (
-            head + "".join(f"{x!r} {y!r} {z!r} 0 0 0 2.5\n" for x, y, z in POINTS.tolist()).encode()
-        )
-    if data == "binary":
-        return head + b"".join(struct.pack("<dddBBBf", *p, 0, 0, 0, 2.5) for p in POINTS)
-    plain = b"".join(POINTS[:, axis].tobytes() for axis in range(3))
-    plain += bytes(3 * COUNT) + np.full(COUNT, 2.5, "<f4").tobytes()
-    parts = [plain[i : i + 32] for i in range(0, len(plain), 32)]
-    packed = b"".join(bytes([len(part) - 1]) + part for part in parts)
-    return head + struct.pack("<II", len(packed), len(plain)) + packed
-
-
-def _las(path: Path) -> None:
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = np.full(3, 1e-3), np.zeros(3)
-    file = laspy.LasData(header)
-    file.x, file.y, file.z = np.tile(POINTS.T, 5)
-    file.gps_time = 1e8 + np.arange(5.0 * COUNT)
-    file.header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
-    file.write(path)
 
 
 def _mapola(folder: Path) -> Path:
@@ -350,7 +303,10 @@ def _lidar(form: str, name: str, content: Callable[[], bytes]) -> Sample:
     return Sample(_bytes(name, content), _read_lidar(form), "binary" if binary else "text")
 
 
+SOURCE = {"source": "x", "format": "ola", "columns": "{}", "unit": "", "gps_time": 0}
 MESH = _icq().mesh()
+
+
 KINDS: dict[str, Sample] = {
     "map": Sample(
         _written("AA0001.MAP", lambda p: write_maplet(p, _maplet(), sigma_companion=True)),
@@ -376,14 +332,14 @@ KINDS: dict[str, Sample] = {
     "ply mesh binary": Sample(
         _written("a.ply", lambda p: write_ply_mesh(p, MESH)), _read_shape, "binary"
     ),
-    "ply cloud": _lidar("cloud", "a.ply", lambda: _ply_cloud("ascii")),
-    "ply cloud binary": _lidar("cloud", "a.bin", lambda: _ply_cloud("binary_little_endian")),
-    "pcd": _lidar("cloud", "a.pcd", lambda: _pcd("ascii")),
-    "pcd binary": _lidar("cloud", "a.bin", lambda: _pcd("binary")),
-    "pcd packed": _lidar("cloud", "a.bin", lambda: _pcd("binary_compressed")),
-    "las": Sample(_written("a.las", _las), _read_lidar("las"), "binary"),
-    "laz": Sample(_written("a.laz", _las), _read_lidar("las"), "binary", threads=True),
-    "table": _lidar("table", "a.csv", _table),
+    "ply cloud": _lidar("cloud", "a.ply", lambda: ply_cloud("ascii")),
+    "ply cloud binary": _lidar("cloud", "a.bin", lambda: ply_cloud("binary_little_endian")),
+    "pcd": _lidar("cloud", "a.pcd", lambda: pcd("ascii")),
+    "pcd binary": _lidar("cloud", "a.bin", lambda: pcd("binary")),
+    "pcd packed": _lidar("cloud", "a.bin", lambda: pcd("binary_compressed")),
+    "las": Sample(_written("a.las", las), _read_lidar("las"), "binary"),
+    "laz": Sample(_written("a.laz", las), _read_lidar("las"), "binary", threads=True),
+    "table": _lidar("table", "a.csv", table),
     "ola": Sample(
         _written("a.dat", lambda p: write_ola(p, [_scan()])), _read_lidar("ola"), "binary"
     ),
@@ -394,20 +350,7 @@ KINDS: dict[str, Sample] = {
     "lola binary": _lidar("lola", "a.dat", lola_binary),
     "track": _lidar("track", "a.txt", rows(track)),
     "scan": Sample(
-        _written(
-            "s.h5",
-            lambda p: write_scan(
-                p,
-                [_scan()],
-                parameters={
-                    "source": "x",
-                    "format": "ola",
-                    "columns": "{}",
-                    "unit": "",
-                    "gps_time": 0,
-                },
-            ),
-        ),
+        _written("s.h5", lambda p: write_scan(p, [_scan()], parameters=SOURCE)),
         _read_native,
         "hdf5",
     ),

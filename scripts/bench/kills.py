@@ -1,10 +1,12 @@
-"""Kills a run of all stages at random moments, and compares the end with an undisturbed run.
+"""Kills commands at random moments, and compares the end with an undisturbed run.
 
     python scripts/bench/kills.py [--kills 20] [--preset tiny] [--seed 3] [--work DIR]
+        [--only run|images|apply|export]
 
-Printed: after each kill what the run had finished, and at the end how many files of the results
-differ from those of a run that was not killed (the limit: 0), and how many finished items were
-lost (the limit: 0; of those in work one for each worker).
+All stages, the import of images with states, `scale --apply` and `solution export`. Printed: after
+each kill what was finished, and at the end how many files of the results differ from those of a
+run that was not killed (the limit: 0), how many finished items were lost (the limit: 0; of those in
+work one for each worker), and how often half of a solution or folder stood under its name (0).
 """
 
 from __future__ import annotations
@@ -17,14 +19,59 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from images import make_different
 
 from fusion.pipeline.catalog import file_digest
 
-RESULTS = ("mapolas", "fused", "bigmaps", "pairs", "release", "registration.json", "scale.json")
 SPCOLA = [sys.executable, "-m", "fusion.cli"]
+STAGES = ("mapolas", "fused", "bigmaps", "pairs", "release", "registration.json", "scale.json")
+IMAGES = ("IMAGEFILES", "SUMFILES", "NOMINALS", "PICTLIST.TXT", "images.jsonl")
+# Files with the time at which they were made.
+TIMED = ("solution.json",)
+
+
+@dataclass(frozen=True)
+class Attack:
+    """A command that is run undisturbed and killed.
+
+    Attributes
+    ----------
+    title : str
+    words : tuple
+        The command and its arguments; ``{}`` stands for the folder that it works on.
+    results : tuple of str
+        What is compared: files and folders below that folder.
+    kept : tuple of str
+        Patterns of the files that finished items leave, none of which may be lost.
+    whole : bool
+        Whether the results stand under their name only when all are there.
+    """
+
+    title: str
+    words: tuple[object, ...]
+    results: tuple[str, ...]
+    kept: tuple[str, ...] = ()
+    whole: bool = False
+
+    def command(self, folder: Path) -> list[str]:
+        return [*SPCOLA, *(str(word).replace("{}", str(folder)) for word in self.words)]
+
+    def digests(self, folder: Path) -> dict[str, str]:
+        roots = [folder / name for name in self.results]
+        files = [path for root in roots for path in ([root] if root.is_file() else root.rglob("*"))]
+        return {
+            str(path.relative_to(folder)): file_digest(path)
+            for path in files
+            if path.is_file() and path.name not in TIMED
+        }
+
+    def items(self, folder: Path) -> set[Path]:
+        return {path for pattern in self.kept for path in folder.glob(pattern)}
 
 
 def main() -> None:
@@ -35,46 +82,87 @@ def main() -> None:
     parser.add_argument("--preset", default="tiny")
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--work", type=Path)
+    parser.add_argument("--only", nargs="*", default=["run", "images", "apply", "export"])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         bench(options.work or Path(folder), options)
 
 
 def bench(work: Path, options: argparse.Namespace) -> None:
-    """Make a mission, run it undisturbed and killed, and compare."""
-    mission, plain, killed = work / "mission", work / "plain", work / "killed"
+    """Make a mission and images, and attack each command in turn."""
+    rng, mission, begin = np.random.default_rng(options.seed), work / "mission", work / "begin"
     run("truth", "make", mission, "--preset", options.preset, "--seed", options.seed)
-    run("init", plain, "--spc", mission / "spc", "--body", "Truth")
-    run("import", plain, *sorted((mission / "lidar").iterdir()))
-    shutil.copytree(plain, killed, symlinks=True)
-    begun = time.monotonic()
-    run("run", plain)
-    whole = time.monotonic() - begun
-    print(f"undisturbed: {whole:.0f} s, {len(digests(plain))} files")
-    draw, lost = np.random.default_rng(options.seed), 0
-    for number in range(options.kills):
-        before = items(killed)
-        wait = float(draw.uniform(1.0, 0.35 * whole))
-        ended = interrupted(killed, wait)
-        lost += len(before - items(killed)) if not ended else 0
+    run("init", begin, "--spc", mission / "spc", "--body", "Truth")
+    run("import", begin, *sorted((mission / "lidar").iterdir()))
+    done = begin
+    if set(options.only) & {"run", "apply", "export"}:
+        kept = (".items/*/*.npz",)
+        done = attacked(Attack("run", ("run", "{}"), STAGES, kept), begin, rng, options)
+    if "images" in options.only:
+        attacked(importing(work), begin, rng, options)
+    accepted = ("--accept", "epsilon-not-significant", "--accept", "epsilon-not-separable")
+    for title, words, result in (
+        ("apply", ("scale", "{}", "--apply", "--as", "scaled", *accepted), "solutions/scaled"),
+        ("export", ("solution", "export", "{}", "imported", "{}/exported"), "exported"),
+    ):
+        if title in options.only:
+            attacked(Attack(title, words, (result,), whole=True), done, rng, options)
+
+
+def importing(work: Path) -> Attack:
+    """Return the import of 240 images with states from a table."""
+    source = work / "images"
+    source.mkdir()
+    paths, table, camera = make_different(source, 240, 512)
+    words = ("images", "{}", *paths, "--poses", table, "--camera", camera, "--workers", 2)
+    return Attack("images", words, IMAGES, (".items/images/*.npz", "IMAGEFILES/*.DAT"))
+
+
+def attacked(
+    attack: Attack, begin: Path, rng: np.random.Generator, options: argparse.Namespace
+) -> Path:
+    """Run a command undisturbed and killed, and print the comparison; return the undisturbed."""
+    plain, killed = (begin.with_name(f"{attack.title}-{name}") for name in ("plain", "killed"))
+    for folder in (plain, killed):
+        shutil.copytree(begin, folder, symlinks=True)
+    started = time.monotonic()
+    subprocess.run(attack.command(plain), check=True, stdout=subprocess.DEVNULL)
+    longest = time.monotonic() - started
+    one = attack.digests(plain)
+    print(f"{attack.title}: undisturbed {longest:.1f} s, {len(one)} files")
+    lost = halves = ends = 0
+    # A run that goes on with what was kept is over earlier.
+    share = 0.35 if attack.title == "run" else 0.9
+    for number in range(options.kills if attack.title in options.only else 0):
+        before, wait = attack.items(killed), float(rng.uniform(0.15 * share, share) * longest)
+        ended = interrupted(attack.command(killed), wait)
+        there = attack.digests(killed)
+        lost += 0 if ended else len(before - attack.items(killed))
+        halves += attack.whole and there not in ({}, one)
+        ends += ended
         print(
-            f"kill {number + 1:2d} after {wait:5.1f} s: {len(items(killed))} items kept, "
-            f"{len(digests(killed))} files{' (it had ended)' if ended else ''}"
+            f"kill {number + 1:2d} after {wait:5.1f} s: {len(attack.items(killed))} items kept, "
+            f"{len(there)} files{' (it had ended)' if ended else ''}"
         )
-    run("run", killed)
-    one, two = digests(plain), digests(killed)
+        if attack.whole and there:
+            shutil.rmtree(killed / attack.results[0])
+    subprocess.run(attack.command(killed), check=True, stdout=subprocess.DEVNULL)
+    two = attack.digests(killed)
     differing = {name for name in one.keys() | two.keys() if one.get(name) != two.get(name)}
-    print(f"files that differ: {len(differing)} of {len(one)} {sorted(differing)[:3]}")
-    print(f"finished items lost: {lost}")
-    print(f"temporary files left: {sum(1 for _ in killed.rglob('.*.part'))}")
+    left = [path for path in killed.rglob(".*") if ".part" in path.name or ".exported" in path.name]
+    print(
+        f"{attack.title}: {len(differing)} of {len(one)} files differ {sorted(differing)[:3]}; "
+        f"{lost} finished items lost; {halves} halves; {len(left)} temporary files left; "
+        f"{ends} runs had ended before the kill"
+    )
+    return plain
 
 
-def interrupted(workspace: Path, seconds: float) -> bool:
-    """Run all stages and kill the process after some seconds; return whether it had ended."""
+def interrupted(command: Sequence[str], seconds: float) -> bool:
+    """Run a command and kill it after some seconds; return whether it had ended."""
     process = subprocess.Popen(
-        [*SPCOLA, "run", str(workspace)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     try:
         process.wait(seconds)
     except subprocess.TimeoutExpired:
@@ -82,18 +170,6 @@ def interrupted(workspace: Path, seconds: float) -> bool:
         process.wait()
         return False
     return True
-
-
-def items(workspace: Path) -> set[str]:
-    """Names of the items that are kept of stages that have not ended."""
-    return {path.name for path in (workspace / ".items").glob("*/*.npz")}
-
-
-def digests(workspace: Path) -> dict[str, str]:
-    """Digest of every result."""
-    roots = [workspace / name for name in RESULTS]
-    files = [path for root in roots for path in ([root] if root.is_file() else root.rglob("*"))]
-    return {str(p.relative_to(workspace)): file_digest(p) for p in files if p.is_file()}
 
 
 def run(*arguments: object) -> None:

@@ -97,6 +97,16 @@ class SpcImage:
             check_shape(self.pixels, shape, f"{self.name}.pixels")
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Samples and lines."""
+        return self.camera.width, self.camera.height
+
+    @property
+    def pixel_angle(self) -> float:
+        """Angle that one pixel subtends, radians."""
+        return self.camera.pixel_angle
+
+    @property
     def position(self) -> FloatArray:
         """Position of the spacecraft (camera pupil), body-fixed, metres: −V0."""
         return -self.scobj

@@ -43,5 +43,13 @@ def compiled_sums(function: F) -> F:
 
 
 def _cached(dispatcher: Any, function: F) -> F:
+    resolve = dispatcher.get_call_template
+
+    def by_type(arguments: Any, keywords: dict[str, Any]) -> Any:
+        """Resolve a call in a kernel; Numba would compile once more for a constant argument."""
+        named = {key: numba.types.unliteral(kind) for key, kind in keywords.items()}
+        return resolve([numba.types.unliteral(kind) for kind in arguments], named)
+
+    dispatcher.get_call_template = by_type
     keep_compiled(dispatcher, function)
     return cast(F, dispatcher)

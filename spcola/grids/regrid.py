@@ -96,7 +96,8 @@ def project_window(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:
     layers = tuple(np.full(shape, np.nan) for _ in range(5))
     if shape[0] > 0 and shape[1] > 0:
         corners = np.stack([row - rows.start, column - columns.start, height])
-        _project_cells(corners, source.albedo, source.sigma, layers, 10 * _BORDER * grid.gsd)
+        albedo, sigma = map(np.ascontiguousarray, (source.albedo, source.sigma))
+        _project_cells(corners, albedo, sigma, layers, 10 * _BORDER * grid.gsd)
     level, slope_x, slope_y, albedo, sigma = layers
     slope_x, slope_y = slope_x / grid.gsd, slope_y / grid.gsd
     # A surface moved along the source's Uz moves, at fixed x and y of this grid, by this factor.

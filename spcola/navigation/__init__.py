@@ -2,7 +2,13 @@
 
 from spcola.navigation.nominal import NominalState
 from spcola.navigation.spin import Spin
-from spcola.navigation.time import SPICE_LOCK, et_from_utc, et_from_utcs, utc_from_et
+from spcola.navigation.time import (
+    SPICE_LOCK,
+    et_from_utc,
+    et_from_utcs,
+    iso_utc,
+    utc_from_et,
+)
 from spcola.navigation.trajectory import Offset, Trajectory
 
 __all__ = [
@@ -13,5 +19,6 @@ __all__ = [
     "Trajectory",
     "et_from_utc",
     "et_from_utcs",
+    "iso_utc",
     "utc_from_et",
 ]

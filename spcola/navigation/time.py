@@ -56,6 +56,18 @@ def utc_from_et(et: float, digits: int = 3) -> str:
         return str(spiceypy.et2utc(float(et), "C", digits))
 
 
+def iso_utc(et: float, digits: int = 6) -> str:
+    """Return UTC (``2015-04-14T16:26:27.974``) of ephemeris time `et`, s; "unknown" for NaN.
+
+    `digits` are the decimals of the seconds. The first ten characters are the date.
+    """
+    if not np.isfinite(et):
+        return "unknown"
+    with SPICE_LOCK:
+        _need_leap_seconds()
+        return str(spiceypy.et2utc(float(et), "ISOC", digits))
+
+
 def _need_leap_seconds() -> None:
     """Load the leap seconds that ship with the installation, unless a kernel has them."""
     if not spiceypy.expool("DELTET/DELTA_AT"):

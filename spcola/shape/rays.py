@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
 from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 from spcola.shape.closest import ClosestPoints, closest_near
@@ -93,7 +93,7 @@ class RayCaster:
         reach = np.linalg.norm(mesh.vertices - self.center, axis=1).max()
         self.radius = float(reach)
         self._vertices = np.ascontiguousarray(mesh.vertices - self.center)
-        self._facets = np.ascontiguousarray(mesh.facets)
+        self._facets = read_only(np.ascontiguousarray(mesh.facets))
         self._starts, self._around = facets_around_vertices(self._facets, len(self._vertices))
         self._scene = _embree_scene(self._vertices, self._facets)
 

@@ -25,6 +25,8 @@ _GROUP = 100
 _MOST_STEPS = 100_000
 # With fewer groups the dependence of step errors on slope, bending and light is not estimated.
 _LEAST_GROUPS = 5
+# Of the variogram, cells.
+_LARGEST_LAG = 8
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ class AlignedHeights:
     shape: FloatArray | None = None
 
 
-def estimate_information(comparisons: list[AlignedHeights], *, reach: int = 8) -> SlopeInformation:
+def estimate_information(comparisons: list[AlignedHeights]) -> SlopeInformation:
     """Estimate the uncertainty of SPC slopes and heights from their differences to a lidar.
 
     The lidar's own variance is subtracted. SPC errors are correlated over some cells, while energy
@@ -149,8 +151,6 @@ def estimate_information(comparisons: list[AlignedHeights], *, reach: int = 8) -
     ----------
     comparisons : list of AlignedHeights
         Of one GSD, registered; gaps as NaN.
-    reach : int
-        Largest lag of the variogram, cells.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def estimate_information(comparisons: list[AlignedHeights], *, reach: int = 8) -
     shape = _shape_information(comparisons)
     if spread.size < _ENOUGH:
         return replace(DEFAULT_INFORMATION, shape=shape)
-    steps = [_steps(comparisons, errors, lag) for lag in range(1, reach + 1)]
+    steps = [_steps(comparisons, errors, lag) for lag in range(1, _LARGEST_LAG + 1)]
     variogram = np.array([_excess(step.square, step.noise) for step in steps])
     noise = float(np.nanmedian([np.nanmedian(pair.sigma) for pair in comparisons]))
     height = float(np.sqrt(max(float(mad(spread)) ** 2 - noise**2, 1e-8)))

@@ -1,6 +1,5 @@
 """Forecast of time, memory and disk of every stage."""
 
-from fusion.inspection.forecasts.mapolas import mapolas_forecast
 from fusion.inspection.forecasts.stages import stage_forecasts
 from fusion.inspection.forecasts.values import Basis, StageForecast, forecast_json, forecast_lines
 
@@ -9,6 +8,5 @@ __all__ = [
     "StageForecast",
     "forecast_json",
     "forecast_lines",
-    "mapolas_forecast",
     "stage_forecasts",
 ]

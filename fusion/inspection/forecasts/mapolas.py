@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.timing import Sample, timed_sample
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
-from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.stages.mapolas import STAGE, compared_grids
-from fusion.workspace import Workspace
-from fusion.workspace.settings import Settings
+from fusion.scene.geolocation import ReturnSource
+from fusion.stages.mapolas import compared_grids
 from lidar.gridding import Gridding, grid_returns
 from spcola.arrays import IntArray
 
@@ -32,22 +29,6 @@ BYTES_PER_RETURN = 150
 # Bytes of one point in the files of a mapola and in its kept item; time to write one, seconds.
 _FILE_BYTES, _KEPT_BYTES = 31.0, 40.0
 _WRITING_S = 3e-3
-
-
-def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]:
-    """Return the forecast for the mapolas of a workspace; empty if none can be made.
-
-    A few of them are made to time one return on this machine. Memory is without the system's cache
-    of files.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    settings : Settings
-    """
-    if STAGE.missing(workspace, settings):
-        return {}
-    return _sampled(Situation(workspace, settings, usable_cores()), STAGE).content
 
 
 def mapola_forecast(situation: Situation, stage: Stage) -> StageForecast:
@@ -72,7 +53,7 @@ class _Sampled:
     Attributes
     ----------
     content : dict
-        What :func:`mapolas_forecast` returns.
+        Grids, returns, bytes of scans, minutes and memory (MB).
     comparing_s, gridding_s : float
         Time of comparing scans and of gridding all mapolas.
     most : int

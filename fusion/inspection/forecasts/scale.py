@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import time
-
-import numpy as np
+from dataclasses import replace
 
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
-from fusion.stages.scale import sampled_pairs
+from fusion.stages.scale import sampled_pairs, scale_by_shots
 from spcola.shape import RayCaster
 
 # Bytes of one point of a pair: in memory, in its two files, in its kept items.
 _POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 4000.0, 6.0, 190.0
 # Bytes of one return of a scan that is read as a whole.
 _RETURN_BYTES = 250.0
-# Rays of each shot over all iterations and checks.
-_CASTS = 60
+# Shots of the runs that are timed.
+_SHOTS = (50, 300)
 _FIT_S = 1.0
 # Bytes of a shot: in memory, in scale.json.
 _SHOT_BYTES, _ENTRY_BYTES = 5000.0, 300.0
@@ -49,17 +48,23 @@ def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
 
 
 def _by_shots(situation: Situation, stage: Stage) -> StageForecast:
-    """Return the forecast from the time of casting the rays of all shots."""
+    """Return the forecast from two runs with few shots: the time grows with their number."""
     caster = RayCaster(situation.workspace.shape())
     shots = min(situation.settings.scale.max_shots, situation.returns)
-    away = np.random.default_rng(1).normal(size=(shots, 3))
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
-    start = 10.0 * situation.radius * away
-    caster.cast(start[:1], -away[:1])
-    begun = time.perf_counter()
-    caster.cast(start, -away)
-    took = time.perf_counter() - begun
+    few, more = (min(count, shots) for count in _SHOTS)
+
+    def seconds(count: int) -> float:
+        settings = situation.settings.with_table("scale", max_shots=max(count, _SHOTS[0]))
+        tried = replace(situation, settings=settings)
+        begun = time.perf_counter()
+        scale_by_shots(tried.context(stage, tried.store(stage)), caster, situation.radius)
+        return time.perf_counter() - begun
+
+    # The first does not count: code may be compiled then.
+    seconds(few)
+    least, most = seconds(few), seconds(more)
+    each = max(most - least, 0.0) / max(more - few, 1)
     return StageForecast(
-        stage.name, len(situation.workspace.scan_names()), 0, _FIT_S + _CASTS * took,
-        _SHOT_BYTES * shots, situation.workers, _ENTRY_BYTES * shots, Basis.SYNTHETIC,
+        stage.name, len(situation.workspace.scan_names()), 0, most + (shots - more) * each,
+        _SHOT_BYTES * shots, situation.workers, _ENTRY_BYTES * shots, Basis.SAMPLE,
     )  # fmt: skip

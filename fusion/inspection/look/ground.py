@@ -43,8 +43,6 @@ class GroundView:
     unit : {"m", "km"}
     labels : (str, str, str, str)
         Of x, y and height, with their units; and of height in short.
-    reference_m : float
-        What was taken off the heights, metres.
     """
 
     kind: Literal["body", "site", "map"]
@@ -53,7 +51,6 @@ class GroundView:
     height: FloatArray
     unit: str
     labels: tuple[str, str, str, str]
-    reference_m: float = 0.0
 
 
 def lay_out(points: FloatArray, *, frame: Frame = "unknown") -> GroundView:
@@ -134,7 +131,7 @@ def _site_of(points: FloatArray, middle: FloatArray) -> GroundView:
         f"{height_unit}",
         f"height, {height_unit}",
     )
-    return GroundView("site", x / metres, y / metres, height / tall, unit, labels, reference)
+    return GroundView("site", x / metres, y / metres, height / tall, unit, labels)
 
 
 def _map_of(points: FloatArray) -> GroundView:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fusion.estimation.verdict import Severity, Verdict
 from fusion.inspection.look.numbers import measured, millionths
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.report.figures import registration_figure, scale_figure
-from fusion.verdict import Severity, Verdict
 from fusion.workspace import Workspace
 from spcola.errors import FormatError
 

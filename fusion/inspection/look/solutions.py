@@ -37,7 +37,8 @@ def difference_picture(found: SolutionDifference) -> Picture:
         _histogram(panels["positions"], "spacecraft, m", np.linalg.norm(found.positions, axis=1))
         turned = np.degrees(np.linalg.norm(found.turns, axis=1))
         _histogram(panels["turns"], "pointing, °", turned)
-        together = [line.strip() for line in difference_lines(found) if "together" in line]
+        lines = difference_lines(found)
+        together = [line.strip() for line in lines if "together" in line or "→" in line]
         title = f"Solution {found.second} less {found.first}"
         set_title(figure, title, "\n".join(together))
     return Picture("difference of solutions", figure, found.as_json())
@@ -64,6 +65,8 @@ def _histogram(panel: Any, title: str, values: FloatArray, left: FloatArray | No
     if not known.size:
         panel.text(0.5, 0.5, "none to compare", transform=panel.transAxes, ha="center")
         return
+    panel.set_ylabel("number")
+    panel.yaxis.get_major_locator().set_params(integer=True)
     edges = np.linspace(0.0, max(float(known.max()), 1e-12), 25)
     panel.hist(known, edges, color=Colour.SPC, label="all")
     if left is not None:

@@ -14,7 +14,7 @@ from fusion.inspection.terrain import read_terrain
 from lidar.formats import read_sample
 from lidar.formats.records import LidarOptions
 from spcola.arrays import FloatArray
-from spcola.formats.shapes import FacesFrom, Unit
+from spcola.formats.shapes import Unit
 from spcola.grids import Maplet
 from spcola.shape import Mesh, sample_surface
 from spcola.shape.icq import IcqShape
@@ -58,9 +58,7 @@ class PointSource:
     surface: Mesh | IcqShape | Maplet | None = None
 
 
-def read_points(
-    path: Path, *, unit: Unit | None = None, faces_from: FacesFrom = 1, most: int = MOST_POINTS
-) -> PointSource:
+def read_points(path: Path, *, unit: Unit | None = None) -> PointSource:
     """Read a lidar file or scan, a cloud, a maplet, a terrain model or a shape as points.
 
     Parameters
@@ -69,10 +67,6 @@ def read_points(
     unit : {"km", "m"}, optional
         Of the coordinates of a file that states none: shapes in OBJ and PLY are in km if not given,
         clouds in metres.
-    faces_from : {1, 0}
-        The number by which the faces of an OBJ name its first vertex.
-    most : int
-        Points that are kept at most.
 
     Raises
     ------
@@ -80,16 +74,16 @@ def read_points(
         If the file cannot be read, or is of a kind that holds no surface.
     """
     if file_kind(path) is FileKind.LIDAR:
-        return _cloud(path, unit, most)
-    surface = read_terrain(path, unit=unit or "km", faces_from=faces_from)
+        return _cloud(path, unit)
+    surface = read_terrain(path, unit=unit or "km")
     if isinstance(surface, Maplet):
         return _maplet(path, surface)
-    return _shape(path, surface, unit or "km", most)
+    return _shape(path, surface, unit or "km")
 
 
-def _cloud(path: Path, unit: Unit | None, most: int) -> PointSource:
+def _cloud(path: Path, unit: Unit | None) -> PointSource:
     options = LidarOptions(unit=unit)
-    sample = read_sample(path, most, format=lidar_format(path), options=options)
+    sample = read_sample(path, MOST_POINTS, format=lidar_format(path), options=options)
     points = np.ascontiguousarray(sample.scan.points)
     return PointSource(path, "cloud", points, sample.count, sample.rejected, unit or "m")
 
@@ -101,15 +95,16 @@ def _maplet(path: Path, maplet: Maplet) -> PointSource:
     return PointSource(path, "maplet", points, len(points), left, "km", maplet.grid.gsd, maplet)
 
 
-def _shape(path: Path, surface: Mesh | IcqShape, unit: Unit, most: int) -> PointSource:
+def _shape(path: Path, surface: Mesh | IcqShape, unit: Unit) -> PointSource:
     """Sample a shape evenly over its facets: its vertices alone crowd where facets are small."""
     icq = isinstance(surface, IcqShape)
     mesh = surface.mesh() if isinstance(surface, IcqShape) else surface
     area = float(np.sum(np.linalg.norm(mesh.area_vectors, axis=1)))
     edge = float(np.sqrt(2.0 * area / max(len(mesh.facets), 1)))
-    step = edge / float(np.clip(np.floor(np.sqrt(most / max(len(mesh.facets), 1))), 1, _ACROSS))
+    across = np.floor(np.sqrt(MOST_POINTS / max(len(mesh.facets), 1)))
+    step = edge / float(np.clip(across, 1, _ACROSS))
     points = sample_surface(mesh, step).points
-    points = np.ascontiguousarray(points[:: -(-len(points) // most)])
+    points = np.ascontiguousarray(points[:: -(-len(points) // MOST_POINTS)])
     return PointSource(
         path,
         "shape (ICQ)" if icq else "mesh",

@@ -2,13 +2,12 @@
 
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.digests import FileDigests, file_digest
-from fusion.pipeline.catalog.records import content_digest, read_record, read_records
+from fusion.pipeline.catalog.records import read_record, read_records
 from fusion.pipeline.catalog.soundness import unsound
 
 __all__ = [
     "Catalog",
     "FileDigests",
-    "content_digest",
     "file_digest",
     "read_record",
     "read_records",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from fusion.runtime import json_value
+from fusion.runtime import content_digest, json_value
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
@@ -60,7 +59,7 @@ class StageRecord:
         """
         kept = {name: content[name] for name in cls.__dataclass_fields__}
         # Records of earlier versions of the program have no checksum.
-        if content.get(_CHECKSUM, content_digest(kept)) != content_digest(kept):
+        if _CHECKSUM in content and content[_CHECKSUM] != content_digest(kept):
             raise ValueError("fails its checksum")
         return cls(**kept)
 
@@ -114,12 +113,11 @@ def read_records(workspace: Workspace) -> list[StageRecord]:
     WorkspaceError
         If a file cannot be read.
     """
-    own = {path.stem for path in (workspace.home / RECORD_FOLDER).glob("*.json")}
-    found = (read_record(workspace, stage) for stage in sorted(own | set(SHARED_STAGES)))
+    found = (read_record(workspace, stage) for stage in recorded_stages(workspace))
     return [record for record in found if record is not None]
 
 
-def content_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of JSON content, hexadecimal; the order of keys does not matter."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+def recorded_stages(workspace: Workspace) -> list[str]:
+    """Return the stages that may have a record: of the solution, and those that solutions share."""
+    own = {path.stem for path in (workspace.home / RECORD_FOLDER).glob("*.json")}
+    return sorted(own | set(SHARED_STAGES))

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause, Code, Finding, Severity
 from fusion.pipeline.catalog.catalog import Catalog
-from fusion.pipeline.catalog.records import content_digest
-from fusion.verdict import Cause, Code, Finding, Severity
+from fusion.runtime import content_digest
 from fusion.workspace import Workspace
 from spcola.arrays import BoolArray, FloatArray
 from spcola.control import Landmark

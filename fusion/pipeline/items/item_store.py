@@ -14,6 +14,7 @@ import numpy as np
 
 import spcola
 from fusion.pipeline.items.encoding import Encoded, decode, encode
+from fusion.runtime.remaining import note_done, note_found
 from spcola import atomic
 from spcola.errors import WorkspaceError
 
@@ -61,7 +62,9 @@ class ItemStore:
         path = self.folder / f"{encode((self.version, name, arguments, options)).digest}.npz"
         found, kept = _read(path)
         if found:
+            note_found()
             return kept
+        note_done()
         result = function(*arguments, **options)
         _write(path, result)
         return result

@@ -1,76 +1,97 @@
-"""Solutions of a workspace: made from one another, chosen, exported and removed."""
+"""Solutions of a workspace: listed, chosen and removed."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
 
-import spcola
-from fusion.runtime.folders import (
-    clear_abandoned_folders,
-    clear_leftovers,
-    locked,
-    make_folder,
-)
-from fusion.workspace import IMPORTED, SPC_FOLDERS, SPC_LISTS, Workspace
+from fusion.pipeline.solutions.folder import begun, changing, part_of
+from fusion.runtime.folders import LOCK_FILE, locked
+from fusion.workspace import IMPORTED, Workspace
 from fusion.workspace.solution_records import (
     SolutionRecord,
-    check_name,
     derived_names,
     name_in_use,
     read_solution,
-    solution_folder,
     write_name_in_use,
-    write_solution,
 )
-from spcola import atomic
-from spcola.errors import WorkspaceError
+from spcola.errors import SpcolaError, WorkspaceError
 
-LOCK_FILE = ".lock"
-# Pixels belong to the workspace, and all solutions share them.
-_FOLDERS = tuple(name for name in SPC_FOLDERS if name != "IMAGEFILES")
+_REMOVE = "remove such solutions: spcola solution remove"
 
 
 @dataclass(frozen=True)
-class MadeBy:
-    """What makes a solution, for its record.
+class Solutions:
+    """All solutions of a workspace.
 
-    Parameters
+    Attributes
     ----------
-    command : str
-        Such as "spcola scale --apply".
-    constants : mapping of str to mapping
-        What it changes of the settings, by table.
-    facts : mapping
-        Numbers of the change, in JSON types.
-    digests : mapping of str to str
-        SHA-256 of the files from which the change comes.
+    records : tuple of SolutionRecord
+        Each after its parent; the imported one first.
+    damaged : tuple of SpcolaError
+        Why the records of the others cannot be used.
     """
 
-    command: str
-    constants: Mapping[str, Mapping[str, Any]]
-    facts: Mapping[str, Any]
-    digests: Mapping[str, str]
+    records: tuple[SolutionRecord, ...]
+    damaged: tuple[SpcolaError, ...] = ()
+
+    def sound(self) -> tuple[SolutionRecord, ...]:
+        """Return the records.
+
+        Raises
+        ------
+        SpcolaError
+            If one is damaged.
+        """
+        if self.damaged:
+            raise self.damaged[0]
+        return self.records
 
 
-def solutions_of(workspace: Workspace) -> list[SolutionRecord]:
-    """Return the records of all solutions, each after its parent; the imported one first."""
+def solutions_of(workspace: Workspace) -> Solutions:
+    """Read the records of all solutions of a workspace, and check their constants."""
     root = workspace.root
-    records = [read_solution(root, name) for name in (IMPORTED, *derived_names(root))]
+    records, damaged = list[SolutionRecord](), list[SpcolaError]()
+    for name in (IMPORTED, *derived_names(root)):
+        try:
+            record = read_solution(root, name)
+            if name != IMPORTED:
+                replace(workspace, solution=name).settings()
+            records.append(record)
+        except SpcolaError as error:
+            damaged.append(error)
     ordered: list[SolutionRecord] = []
     waiting = [one for one in records if one.parent not in {each.name for each in records}]
     while waiting:
         one = waiting.pop(0)
         ordered.append(one)
         waiting = [each for each in records if each.parent == one.name] + waiting
-    return ordered
+    if circle := [one.name for one in records if one not in ordered]:
+        what = f"the parents of {', '.join(circle)} form a circle"
+        damaged.append(WorkspaceError(what, root, _REMOVE))
+    return Solutions(tuple(ordered), tuple(damaged))
+
+
+def lineage(workspace: Workspace) -> list[SolutionRecord]:
+    """Return the records of the solution of a workspace, its parent, and so on to the imported one.
+
+    Raises
+    ------
+    WorkspaceError
+        If one of them is gone or damaged, or is its own ancestor.
+    """
+    found = [read_solution(workspace.root, workspace.solution)]
+    while found[-1].name != IMPORTED:
+        last = found[-1]
+        home = replace(workspace, solution=last.name).home
+        if last.parent in {one.name for one in found}:
+            raise WorkspaceError("its parents form a circle", home, _REMOVE)
+        if last.parent not in (IMPORTED, *derived_names(workspace.root)):
+            raise WorkspaceError(
+                f"its parent {last.parent!r} is gone", home, "bring the folder of that back"
+            )
+        found.append(read_solution(workspace.root, last.parent))
+    return found
 
 
 def free_name(workspace: Workspace, stem: str) -> str:
@@ -81,73 +102,26 @@ def free_name(workspace: Workspace, stem: str) -> str:
     return f"{stem}-{number}"
 
 
-@contextmanager
-def making_solution(workspace: Workspace, name: str, made_by: MadeBy) -> Iterator[Path]:
-    """Make a solution from that of a workspace: whole, or not at all.
-
-    The block writes into the folder that is yielded what differs from the parent's files, under
-    their names. All other files of the parent are linked then, not copied. Afterwards the folder
-    gets its record and its name.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        Its solution is the parent.
-    name : str
-    made_by : MadeBy
-
-    Raises
-    ------
-    WorkspaceError
-        If the name is taken or not allowed, or the solution cannot be written.
-    """
-    check_name(name)
-    folder = solution_folder(workspace.root, name)
-    make_folder(folder.parent)
-    with locked(folder.parent / LOCK_FILE):
-        clear_leftovers([folder.parent])
-        if folder.exists():
-            raise WorkspaceError(f"there is a solution {name!r} already", folder, "name another")
-        making = folder.with_name(f".{name}.part")
-        try:
-            for each in _FOLDERS:
-                make_folder(making / each)
-            begun = time.process_time()
-            yield making
-            effort = {
-                "items": sum(len(_files(making / each)) for each in _FOLDERS),
-                "processor_s": time.process_time() - begun,
-            }
-            _link_unchanged(workspace, making)
-            # The time has no place in digests of results: only the record has it.
-            made = datetime.now(UTC).isoformat(timespec="seconds")
-            record = SolutionRecord(
-                name, workspace.solution, made_by.command, made, spcola.__version__,
-                made_by.constants, made_by.facts, made_by.digests, effort,
-            )  # fmt: skip
-            write_solution(making, record)
-            making.rename(folder)
-        except OSError as error:
-            raise atomic.write_error(folder, error) from error
-        finally:
-            shutil.rmtree(making, ignore_errors=True)
-
-
 def use_solution(workspace: Workspace, name: str) -> Workspace:
     """Let all stages and commands read a solution from now on.
 
     Raises
     ------
     WorkspaceError
-        If there is no such solution.
+        If there is no such solution, or it is damaged.
+    SettingsError
+        If its constants are not allowed.
     """
-    read_solution(workspace.root, name)
-    write_name_in_use(workspace.root, name)
-    return replace(workspace, solution=name)
+    used = replace(workspace, solution=name)
+    with changing(workspace.root):
+        # Its constants are checked.
+        used.settings()
+        write_name_in_use(workspace.root, name)
+    return used
 
 
 def remove_solution(workspace: Workspace, name: str) -> None:
-    """Remove a solution, and all that was made with it.
+    """Remove a solution, and all that was made with it; also one whose record is damaged.
 
     Raises
     ------
@@ -156,14 +130,33 @@ def remove_solution(workspace: Workspace, name: str) -> None:
         works with it.
     """
     root = workspace.root
-    read_solution(root, name)
     if name == IMPORTED:
         raise WorkspaceError("the imported solution cannot be removed", root)
+    with changing(root) as folder:
+        if name not in derived_names(root):
+            read_solution(root, name)
+        _check_removable(workspace, name)
+        gone = part_of(folder / name)
+        try:
+            with locked(folder / name / LOCK_FILE):
+                # Out of sight at once: a crash leaves no half of it under its name.
+                (folder / name).rename(gone)
+                if gone.is_symlink():
+                    gone.unlink()
+                shutil.rmtree(gone, ignore_errors=True)
+        except OSError as error:
+            raise WorkspaceError(f"cannot be removed ({error.strerror})", folder / name) from error
+
+
+def _check_removable(workspace: Workspace, name: str) -> None:
+    """Refuse to remove what is in use, or from which another solution was made."""
+    root = workspace.root
     if name == name_in_use(root):
         raise WorkspaceError(
             f"the solution {name!r} is in use", root, "use another one first: spcola solution use"
         )
-    children = [one.name for one in solutions_of(workspace) if one.parent == name]
+    found = solutions_of(workspace)
+    children = [one.name for one in (*found.records, *begun(root)) if one.parent == name]
     if children:
         raise WorkspaceError(
             f"the solution {name!r} cannot be removed: {', '.join(children)} "
@@ -171,74 +164,6 @@ def remove_solution(workspace: Workspace, name: str) -> None:
             root,
             "remove these first",
         )
-    folder = solution_folder(root, name)
-    with locked(folder.parent / LOCK_FILE), locked(folder / LOCK_FILE):
-        # Out of sight at once: a crash leaves no half of it under its name.
-        gone = folder.with_name(f".{name}.part")
-        folder.rename(gone)
-        shutil.rmtree(gone, ignore_errors=True)
-
-
-def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
-    """Write the solution of a workspace as a plain SPC folder, with the pixels of its images.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    folder : Path
-        Made; it must not exist.
-
-    Returns
-    -------
-    dict of str to int
-        Number of files in each folder.
-
-    Raises
-    ------
-    WorkspaceError
-        If the folder exists or cannot be written.
-    """
-    if folder.exists() or folder.is_symlink():
-        raise WorkspaceError("exists already", folder, "name a folder that does not exist")
-    clear_abandoned_folders(folder)
-    making = folder.with_name(f".{folder.name}.{os.getpid()}")
-    files = {**solution_files(workspace), "IMAGEFILES": _files(workspace.root / "IMAGEFILES")}
-    try:
-        for name, paths in files.items():
-            make_folder(making / name)
-            for path in paths:
-                shutil.copyfile(path, making / name / path.name)
-        write_solution(making, read_solution(workspace.root, workspace.solution))
-        making.rename(folder)
-    except OSError as error:
-        raise atomic.write_error(folder, error) from error
-    finally:
-        shutil.rmtree(making, ignore_errors=True)
-    return {name: len(paths) for name, paths in files.items() if name}
-
-
-def solution_files(workspace: Workspace) -> dict[str, list[Path]]:
-    """Return the files of the solution of a workspace, by folder; its lists are in ``""``."""
-    found = {name: _files(workspace.home / name) for name in _FOLDERS}
-    return {**found, "": [p for name in SPC_LISTS if (p := workspace.home / name).is_file()]}
-
-
-def _files(folder: Path) -> list[Path]:
-    """Return the visible files of a folder in the order of their names; none without a folder."""
-    if not folder.is_dir():
-        return []
-    return sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
-
-
-def _link_unchanged(workspace: Workspace, folder: Path) -> None:
-    """Link the parent's files that a new solution does not have; copied where links fail."""
-    for name, paths in solution_files(workspace).items():
-        for path in paths:
-            target = folder / name / path.name
-            if target.exists():
-                continue
-            try:
-                # A link in the folder itself would be linked, not the file that it leads to.
-                os.link(path.resolve(), target)
-            except OSError:
-                shutil.copyfile(path, target)
+    if found.damaged and name in {one.name for one in found.records}:
+        # What a damaged one was made from is not known.
+        raise found.damaged[0]

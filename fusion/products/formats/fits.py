@@ -100,14 +100,12 @@ def write_fits_dtm(
         fits.HDUList([primary, exact, frame_unit]).writeto(temporary, overwrite=True)
 
 
-def read_fits_dtm(path: str | Path, *, name: str | None = None) -> Maplet:
+def read_fits_dtm(path: str | Path) -> Maplet:
     """Read an ALTWG FITS DTM; one with count and source planes becomes a fused maplet.
 
     Parameters
     ----------
     path : str or Path
-    name : str, optional
-        Name of the maplet; that of MAP_NAME if None.
 
     Raises
     ------
@@ -118,7 +116,7 @@ def read_fits_dtm(path: str | Path, *, name: str | None = None) -> Maplet:
         header = units[0].header
         cube = units[0].data
         extensions = {unit.name: np.array(unit.data, float) for unit in units[1:]}
-        title = str(header.get("MAP_NAME", Path(path).stem)) if name is None else name
+        title = str(header.get("MAP_NAME", Path(path).stem))
         planes = {str(header[key]): int(key[5:]) - 1 for key in header if _is_plane(key)}
         cards = {key: header[key] for key in header if key and key != "COMMENT"}
     if cube is None or cube.ndim != 3 or cube.shape[1] != cube.shape[2] or cube.shape[1] % 2 == 0:

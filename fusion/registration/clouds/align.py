@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.bodies import align_bodies
-from fusion.registration.clouds.clouds import CloudOptions, register_clouds
+from fusion.registration.clouds.clouds import register_clouds
 from fusion.registration.clouds.composed import composed
 from fusion.registration.clouds.flat_frames import flat_frame
+from fusion.registration.clouds.level import CloudOptions
 from fusion.registration.clouds.not_aligned import NotAlignedError, refusal
 from fusion.registration.direct import DirectRegistration
 from fusion.registration.search import UNITS
 from fusion.registration.transform import PARAMETERS, KnownTransform, Model
-from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_shape
 from spcola.errors import InvalidValueError, NotObservableError, RejectedResultError
 from spcola.math import Affine
@@ -212,34 +214,43 @@ def align_clouds(
     options = options or AlignOptions()
     for name, points in (("moving cloud", moving), ("fixed cloud", fixed)):
         _check_cloud(points, name)
-    size, hint = _size(fixed), unit_hint(moving, fixed)
-    if not 1.0 / _SIZES_APART < _size(moving) / size < _SIZES_APART:
-        text = (
-            f"the moving cloud has a size of {_size(moving):.3g} m, the fixed one of "
-            f"{size:.3g} m: check the units{hint}"
-        )
-        return _refused(options.model, Finding(Code.LARGE_SCALE, Severity.REFUSED, text))
-    capture = options.capture_m or _CAPTURE * min(size, _size(moving))
-    options = replace(options, capture_m=capture)
+    sizes, hint = (_size(moving), _size(fixed)), unit_hint(moving, fixed)
+    if not 1.0 / _SIZES_APART < sizes[0] / sizes[1] < _SIZES_APART:
+        return _refused(options.model, _sizes_apart(*sizes, hint))
+    options = replace(options, capture_m=options.capture_m or _CAPTURE * min(sizes))
     center = np.mean(fixed, axis=0)
-    there = Affine(np.eye(3), -center, "centred", "moving")
     one, two = moving - center, fixed - center
     try:
         found, ground = _aligned(one, two, -center, options)
     except NotObservableError as error:
-        findings = [refusal(error), *_other_frame(one, two, -center, options)]
-        if error.do is not None and "capture" in error.do:
-            searched = f"displacements up to {capture:.3g} m were searched"
-            findings.append(Finding(Code.NO_OVERLAP, Severity.NOTE, searched))
-        if hint:
-            findings.append(_sizes_differ(hint))
-        return _refused(options.model, *findings)
-    registration = composed(found, there, center)
+        frames = _other_frame(one, two, -center, options)
+        return _refused(options.model, *_reasons(error, frames, options.capture_m, hint))
+    registration = composed(found, Affine(np.eye(3), -center, "centred", "moving"), center)
     verdict = _judged(registration, hint)
     if verdict.judgement == "refused" and ground == "plane":
-        frame = _other_frame(one, two, -center, options)
-        verdict = Verdict((*verdict.findings, *frame))
+        verdict = Verdict((*verdict.findings, *_other_frame(one, two, -center, options)))
     return Alignment(options.model, registration, verdict, ground)
+
+
+def _sizes_apart(moving: float, fixed: float, hint: str) -> Finding:
+    text = (
+        f"the moving cloud has a size of {moving:.3g} m, the fixed one of {fixed:.3g} m: "
+        f"check the units{hint}"
+    )
+    return Finding(Code.LARGE_SCALE, Severity.REFUSED, text)
+
+
+def _reasons(
+    error: NotObservableError, frames: Sequence[Finding], capture_m: float, hint: str
+) -> Iterator[Finding]:
+    """Yield the findings of clouds without a transform."""
+    yield refusal(error)
+    yield from frames
+    if error.do is not None and "capture" in error.do:
+        searched = f"displacements up to {capture_m:.3g} m were searched"
+        yield Finding(Code.NO_OVERLAP, Severity.NOTE, searched)
+    if hint:
+        yield _sizes_differ(hint)
 
 
 def _refused(model: Model, *findings: Finding) -> Alignment:

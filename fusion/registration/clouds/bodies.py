@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import grid_cloud
 from fusion.registration.clouds.composed import composed
@@ -25,7 +26,6 @@ from fusion.registration.returns import (
 from fusion.registration.search import Placement, PointSurface, fit_placement, search_frames
 from fusion.registration.transform import PARAMETERS, Model
 from fusion.surfacematch import Surface
-from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid

@@ -7,7 +7,8 @@ from itertools import permutations, product
 
 import numpy as np
 
-from fusion.registration.clouds.clouds import CloudOptions, grid_over, relief_of, searched
+from fusion.registration.clouds.clouds import grid_over, relief_of, searched
+from fusion.registration.clouds.level import CloudOptions
 from fusion.registration.search import Placement
 from fusion.registration.search.frame_texts import frame_change
 from spcola.arrays import FloatArray

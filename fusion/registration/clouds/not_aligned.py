@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fusion.verdict import Code, Finding, Severity
+from fusion.estimation.verdict import Code, Finding, Severity
 from spcola.errors import NotObservableError
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fusion.estimation.verdict import Verdict
 from fusion.registration.transform import TransformWithCovariance
-from fusion.verdict import Verdict
 from spcola.arrays import FloatArray
 
 

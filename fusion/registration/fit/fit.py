@@ -127,23 +127,13 @@ def fit_transform(
         They are errors of the displacements and do not move a mapola.
     options : FitOptions, optional
 
-    Returns
-    -------
-    Registration
-
     Raises
     ------
     NotObservableError
         If there are too few mapolas, or their positions do not determine a parameter.
     """
     options = options or FitOptions()
-    names = PARAMETERS[options.model]
-    if 3 * len(centers) < len(names):
-        raise NotObservableError(
-            f"{len(centers)} mapola(s) give {3 * len(centers)} numbers for {len(names)} parameters",
-            names,
-            do="match more mapolas, or set model = rigid",
-        )
+    names = _determined(options.model, len(centers))
     groups = (effects, *further)
     center = np.mean(centers, axis=0)
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
@@ -154,8 +144,7 @@ def fit_transform(
     while iterations < _MOST_STEPS:
         iterations += 1
         design = transform_partials(options.model, current.nearest_similarity(), centers, center)
-        value = target - current.apply(centers)
-        observed = Observations(value, design, covariances, groups)
+        observed = Observations(target - current.apply(centers), design, covariances, groups)
         fit = fit_mixed(observed, mixed)
         current = updated_transform(current, fit.estimate, options.model, center)
         # The error sizes do not depend on where the transform is linearised.
@@ -169,6 +158,18 @@ def fit_transform(
     return Registration(
         options.model, current, covariance, joint, centers, center, observed, fit, iterations
     )
+
+
+def _determined(model: Model, count: int) -> tuple[str, ...]:
+    """Return the parameters of a model, if a number of mapolas may determine them."""
+    names = PARAMETERS[model]
+    if 3 * count < len(names):
+        raise NotObservableError(
+            f"{count} mapola(s) give {3 * count} numbers for {len(names)} parameters",
+            names,
+            do="match more mapolas, or set model = rigid",
+        )
+    return names
 
 
 def _mixed_options(options: FitOptions, reach: float, groups: int) -> MixedOptions:

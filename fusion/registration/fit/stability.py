@@ -84,9 +84,9 @@ class Bootstrap:
     reason: str = ""
 
 
-def region_numbers(points: FloatArray, count: int = REGIONS) -> AnyArray:
+def region_numbers(points: FloatArray) -> AnyArray:
     """Region number (N,) of the direction of each point (N, 3) from the origin."""
-    numbers: AnyArray = np.argmax(points @ lattice(count).T, axis=1)
+    numbers: AnyArray = np.argmax(points @ lattice(REGIONS).T, axis=1)
     return numbers
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.judging.common_ground import CommonRelief
-from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray
 
 # Shares of the mapolas that show the relief of SPC, and that agree with the transform: below the

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch import Match
-from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.control.estimation import LandmarkSolution, state_partials
 from spcola.errors import NotObservableError
@@ -26,6 +26,8 @@ _MOST_PATTERNS = 300
 _OUTWARD_PX = 0.003
 # Number of sightings from which error sizes are estimated; more would hardly change them.
 _SAMPLE = 128
+# Images that a mapola needs.
+_FEWEST_IMAGES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +58,7 @@ class ImagedMapolas:
     factors: SizeFactors
 
 
-def place_mapolas(
-    grids: Sequence[MapletGrid], sightings: Sequence[Sighting], *, least_images: int = 2
-) -> ImagedMapolas:
+def place_mapolas(grids: Sequence[MapletGrid], sightings: Sequence[Sighting]) -> ImagedMapolas:
     """Solve the centres of mapolas from their positions in images [9, 10].
 
     The error sizes of matches and of states are estimated from the residuals of all mapolas; each
@@ -69,14 +69,12 @@ def place_mapolas(
     grids : sequence of N MapletGrid
         Of the mapolas, in lidar coordinates.
     sightings : sequence of N Sighting
-    least_images : int
-        Smallest number of images of a mapola.
     """
     sample = sightings[:: max(1, -(-len(sightings) // _SAMPLE))]
     rough = estimate_factors(sample)
     factors = estimate_factors([_scaled_back(agreeing(s.scaled(*rough)), rough) for s in sample])
     scaled = tuple(agreeing(sighting.scaled(*factors)) for sighting in sightings)
-    solved = [_solved(sighting, least_images) for sighting in scaled]
+    solved = [_solved(sighting) for sighting in scaled]
     effects, rest = _shared(scaled, solved)
     matches = tuple(
         _match(grid, sighting, solution, own)
@@ -103,9 +101,9 @@ def _scaled_back(sighting: Sighting, factors: SizeFactors) -> Sighting:
     return sighting.scaled(*(1.0 / factor for factor in factors))
 
 
-def _solved(sighting: Sighting, least: int) -> LandmarkSolution | None:
+def _solved(sighting: Sighting) -> LandmarkSolution | None:
     """Return the centre; None if the images do not determine it."""
-    if len(sighting) < least:
+    if len(sighting) < _FEWEST_IMAGES:
         return None
     try:
         solution = sighting.solve()

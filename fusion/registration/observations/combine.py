@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.registration.fit import LandmarkErrors, MatchedMapolas
 from fusion.registration.observations.by_images import ImagedMapolas
 from fusion.surfacematch import Match
-from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation import influence
+from fusion.estimation.verdict import Cause
 from fusion.registration.fit import MatchedMapolas, Registration, ScanErrorPatterns
 from fusion.registration.fit.reasons import registration_reasons
 from fusion.registration.fit.significance import departures_json
 from fusion.registration.fit.stability import stability_json
 from fusion.registration.transform import KnownTransform
 from fusion.surfacematch import Match
-from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 
 DISAGREES = "disagrees with the other mapolas"

@@ -71,7 +71,7 @@ REGISTRATION_KEYS: Mapping[str, str] = {
     "per_mapola.position_covariance_m2": "covariance of where the mapola is registered",
     "per_mapola.used": "whether it entered the fit",
     "per_mapola.reason": "why not, in words",
-    "per_mapola.cause": "why not, as a code (`fusion.verdict.Cause`); null if used",
+    "per_mapola.cause": "why not, as a code (`fusion.estimation.verdict.Cause`); null if used",
     "per_mapola.coverage": "share of the grid that both surfaces hold",
     "per_mapola.correlation": "of the two surfaces after the match, planes removed",
     "per_mapola.n_images": "by `images` and `both`: images in which it was found",

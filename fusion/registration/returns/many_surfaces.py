@@ -96,18 +96,16 @@ def register_returns(
     options = options or ReturnsOptions()
     near = _near(returns, surfaces, options.capture_m)
     transform = start or _started(near, options)
-    names = PARAMETERS[options.model]
-    middles = np.array([fixed.grid.center for _, fixed in near])
+    names, middles = PARAMETERS[options.model], np.array([at.grid.center for _, at in near])
     center = transform.inverse().apply(middles.mean(axis=0))
-    reach = max(_reach(near, middles), 1e-6)
-    natural = natural_sizes(names, reach)
+    natural = natural_sizes(names, max(_reach(near, middles), 1e-6))
+    shortest = min(fixed.grid.gsd for _, fixed in near)
     iterations, converged, rounds = 0, False, _Round(options, len(near) >= _ENOUGH * len(names))
     while not converged and iterations < options.max_iterations:
         iterations += 1
         found = rounds.equations(near, transform, center)
         step = found.solve(names, natural)
         transform = updated_transform(transform, step, options.model, center)
-        shortest = min(fixed.grid.gsd for _, fixed in near)
         converged = iterations > 1 and float(np.max(np.abs(step) / natural)) < _STILL * shortest
     return DirectRegistration(
         transform=transform,

@@ -82,10 +82,10 @@ class FixedSurface:
         return spline_coefficients(filled(self.height))
 
 
-def height_of_returns(
-    returns: CloudOfReturns, fixed: FixedSurface, transform: Affine, *, outliers: bool = False
-) -> Surface:
+def height_of_returns(returns: CloudOfReturns, fixed: FixedSurface, transform: Affine) -> Surface:
     """Return the surface of moved returns on the grid, from their differences to the fixed one.
+
+    Returns far from the surface are left out.
 
     Parameters
     ----------
@@ -93,8 +93,6 @@ def height_of_returns(
     fixed : FixedSurface
     transform : Affine
         From the returns' frame to that of the surface.
-    outliers : bool
-        Whether returns far from the surface are used.
 
     Returns
     -------
@@ -106,7 +104,7 @@ def height_of_returns(
     matrix = grid.axes @ transform.matrix
     offset = grid.axes @ (transform.translation - grid.center)
     sums, window = np.zeros((4, *grid.shape)), np.array([0.0, np.inf])
-    for _ in range(1 if outliers else 2):
+    for _ in range(2):
         sums = np.zeros((4, *grid.shape))
         _sum_up(
             returns.points,

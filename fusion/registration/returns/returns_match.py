@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from fusion.estimation.verdict import Cause
 from fusion.registration.direct import SurfacePair
 from fusion.registration.direct.equations import both_slopes
 from fusion.registration.returns.return_heights import (
@@ -17,7 +18,6 @@ from fusion.registration.returns.return_heights import (
     relative_weight,
 )
 from fusion.surfacematch import Match, MatchOptions
-from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.correlation import independent_patches, shift_variances
 from spcola.grids.gaps import filled

@@ -117,7 +117,7 @@ class FrameSearch:
         }
 
 
-def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> FrameSearch:
+def search_frames(lidar: FloatArray, surface: FloatArray) -> FrameSearch:
     """Search for the rotation, mirrored axis, unit, scale and shift by which lidar fits a surface.
 
     All orientations, mirrored ones included, are compared by the radii of both surfaces as
@@ -132,8 +132,6 @@ def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> F
         ten thousand are enough; more than a million take longer.
     surface : (M, 3) ndarray
         Points of the SPC surface, metres, spaced by less than a degree from the body's centre.
-    seed : int
-        Seed of the choice of returns.
 
     Returns
     -------
@@ -144,7 +142,7 @@ def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> F
     NotObservableError
         If lidar or surface have too few points.
     """
-    search = _Search(lidar, surface, np.random.default_rng(seed))
+    search = _Search(lidar, surface, np.random.default_rng(1))
     fitted = [search.fitted(start, search.few, _FEW_STEPS) for start in search.starts()]
     fitted = [candidate for candidate in fitted if np.isfinite(candidate.misfit_m)]
     if not fitted:

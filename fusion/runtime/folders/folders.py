@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
+from fusion.runtime.folders.lock import LOCK_FILE, is_locked
 from spcola.errors import WorkspaceError
 
 
@@ -32,18 +34,21 @@ def make_folder(path: Path) -> None:
 
 
 def clear_leftovers(folders: Iterable[Path]) -> None:
-    """Remove incomplete files of a killed program in `folders`; call it under the lock."""
+    """Remove incomplete files of a killed program in `folders`; call it under the lock.
+
+    A folder whose lock file another program has locked remains.
+    """
     for folder in folders:
         for left in folder.glob(".*.part"):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
+            if left.is_symlink() or not left.is_dir():
                 left.unlink(missing_ok=True)
+            elif not is_locked(left / LOCK_FILE):
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def clear_abandoned_folders(folder: Path) -> None:
     """Remove the hidden folders ``.NAME.PID`` next to `folder` whose process has ended."""
-    for left in folder.parent.glob(f".{folder.name}.*"):
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*"):
         number = left.suffix[1:]
         if left.is_dir() and number.isdecimal() and not _runs(int(number)):
             shutil.rmtree(left, ignore_errors=True)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from fusion.runtime.processes import check_interrupts
 from spcola.errors import WorkspaceError
 
+LOCK_FILE = ".lock"
+"""Name of the lock file in a workspace, or in the folder of a solution."""
 _ASKED_AGAIN_S = 0.2
 
 
@@ -28,7 +31,7 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     Raises
     ------
     WorkspaceError
-        If another program holds it, or it cannot be written.
+        If another program holds it or removed it meanwhile, or it cannot be written.
     """
     try:
         lock = path.open("w", encoding="utf-8")
@@ -43,13 +46,33 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
             # A blocking call would keep Ctrl-C from being noticed.
             time.sleep(_ASKED_AGAIN_S)
             check_interrupts()
+        if not _is_at(lock, path):
+            raise WorkspaceError("was removed by another spcola", path.parent)
         yield
 
 
-def _taken(lock: IO[str]) -> bool:
+def is_locked(path: Path) -> bool:
+    """Return whether another program has locked the file `path`."""
+    try:
+        lock = path.open("rb")
+    except OSError:
+        return False
+    with lock:
+        return not _taken(lock)
+
+
+def _taken(lock: IO[Any]) -> bool:
     """Take a lock if no other program has it; return whether it was taken."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False
     return True
+
+
+def _is_at(lock: IO[str], path: Path) -> bool:
+    """Return whether an open file still has this path."""
+    try:
+        return os.path.samestat(os.fstat(lock.fileno()), path.stat())
+    except OSError:
+        return False

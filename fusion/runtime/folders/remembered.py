@@ -6,14 +6,16 @@ import hashlib
 import json
 import os
 import stat
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import spcola
-from fusion.runtime.json_values import json_value
+from fusion.runtime.folders.ticks import may_hide_a_change
+from fusion.runtime.json_values import content_digest, json_value
 from spcola import atomic
 from spcola.errors import SpcolaError
 
@@ -21,6 +23,18 @@ _FILE = "provenance/.info"
 # What a look at the folder changes itself.
 _OWN = "catalog.sqlite"
 _ITEMS = ".items"
+
+
+class Listing(NamedTuple):
+    """All files of a folder with their states, and when they began to be listed."""
+
+    begun_ns: int
+    files: list[str]
+
+    @property
+    def changed_ns(self) -> int:
+        """The last status change of any file, ns since 1970."""
+        return max(int(line.rpartition("\0")[2].split(",")[2]) for line in self.files)
 
 
 @dataclass(frozen=True)
@@ -38,55 +52,63 @@ class Remembered:
 
     folder: Path
 
-    def find(self) -> dict[str, Any] | None:
-        """Return what is remembered; None if there is nothing, or a file changed since."""
+    def find(self, now: Listing) -> dict[str, Any] | None:
+        """Return what is remembered; None if there is nothing, or a file changed since.
+
+        `now` is the folder as it is (:meth:`listing`).
+        """
         try:
             kept = json.loads((self.folder / _FILE).read_text(encoding="utf-8"))
             content, outside = kept["content"], kept["outside"]
-            sound = kept["digest"] == _digest([content, outside, kept["key"]])
-            if not (sound and kept["key"] == self.key([*_files(self.folder)])):
+            sound = kept["digest"] == content_digest([content, outside, kept["key"]])
+            if not (sound and now.files and kept["key"] == self._key(now)):
                 return None
             same = all(_status(path) == stated for path, stated in outside.items())
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
         return content if same else None
 
-    def keep(self, files: list[str], content: Mapping[str, Any], outside: Iterable[Path]) -> None:
-        """Remember `content`, in JSON types, if no file changed since `files` were listed.
+    def keep(self, before: Listing, content: Mapping[str, Any], outside: Iterable[Path]) -> None:
+        """Remember `content`, in JSON types, if no file changed since they were listed.
 
-        Nothing is kept in a folder that cannot be written.
+        Nothing is kept in a folder that cannot be written, or that changed so late that a further
+        change may not show.
 
         Parameters
         ----------
-        files : list of str
-            From :meth:`files`, before `content` was found out.
+        before : Listing
+            From :meth:`listing`, before `content` was found out.
         content : mapping
         outside : iterable of Path
             Further files on which it depends.
         """
         with suppress(OSError, SpcolaError, ValueError):
-            now = self.files()
-            if not now or now != files:
+            now = self.listing()
+            if not now.files or now.files != before.files:
+                return
+            if may_hide_a_change(now.changed_ns, since=before.begun_ns):
                 return
             others = {str(path): _status(str(path)) for path in outside}
-            key, value = self.key(now), json_value(content)
-            digest = _digest([value, others, key])
+            key, value = self._key(now), json_value(content)
+            digest = content_digest([value, others, key])
             kept = {"key": key, "outside": others, "content": value, "digest": digest}
             if (self.folder / _FILE).parent.is_dir():
                 atomic.write_text(self.folder / _FILE, json.dumps(kept))
 
-    def files(self) -> list[str]:
+    def listing(self) -> Listing:
         """Return all files of the folder with their states; empty if it cannot be listed."""
+        begun = time.time_ns()
         try:
-            return list(_files(self.folder))
+            files = list(_files(self.folder))
         except OSError:
-            return []
+            files = []
+        return Listing(begun, files)
 
-    def key(self, files: list[str]) -> str:
+    def _key(self, now: Listing) -> str:
         """Return a digest of files, kept items, program and machine."""
         items = [_status(str(path)) for path in sorted((self.folder / _ITEMS).glob("*"))]
-        listed = hashlib.sha256("\n".join(files).encode("utf-8", "surrogateescape")).hexdigest()
-        return _digest([listed, items, spcola.__version__, os.cpu_count(), str(self.folder)])
+        listed = hashlib.sha256("\n".join(now.files).encode("utf-8", "surrogateescape")).hexdigest()
+        return content_digest([listed, items, spcola.__version__, os.cpu_count(), str(self.folder)])
 
 
 def _files(folder: Path) -> Iterator[str]:
@@ -125,8 +147,3 @@ def _status(path: str) -> list[int] | None:
     except OSError:
         return None
     return [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
-
-
-def _digest(content: Any) -> str:
-    text = json.dumps(content, separators=(",", ":"))
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
@@ -34,6 +34,8 @@ _CLIPPED = 3.0
 # Largest numbers of patterns and of nodes: more cost time and hardly improve the estimate.
 _MOST_PATTERNS = 160
 _MOST_NODES = 1000
+# Variance, relative, that nodes have each of their own.
+_APART = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,14 +173,14 @@ def correlated_patterns(points: FloatArray, reach: float) -> FloatArray:
     edge = reach / 2.0
     while len(nodes := _nodes(points, edge)) > _MOST_NODES:
         edge *= _LONGER
+    # Nodes may lie so close together that rounding makes the matrix singular.
+    between = np.exp(-cdist(nodes, nodes) / reach) + _APART * np.eye(len(nodes))
+    carried = solve_triangular(
+        cholesky(between, lower=True), np.exp(-cdist(nodes, points) / reach), lower=True
+    ).T
     # Many eigenvalues are nearly equal; numpy's divide and conquer does not always converge.
-    between = np.exp(-cdist(nodes, nodes) / reach)
-    size, vectors = eigh(between)
-    kept = size > 1e-6 * size[-1]
-    root = vectors[:, kept] / np.sqrt(size[kept])
-    carried = np.exp(-cdist(points, nodes) / reach) @ root
-    strength, turn = eigh(carried.T @ carried)
-    patterns: FloatArray = carried @ turn[:, strength > SHARED]
+    _, turn = eigh(carried.T @ carried, subset_by_value=(SHARED, np.inf))
+    patterns: FloatArray = carried @ turn
     return patterns
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch import MatchOptions
-from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, ray
 from spcola.grids import MapletGrid

@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import after_fit
 from fusion.scaling.misplacement.check import FALSE_ALARM, PlaceCheck
 from fusion.scaling.misplacement.crossings import Crossings
 from fusion.scaling.misplacement.scans import ScanChecks
-from fusion.verdict import Code, Finding, Severity
 from spcola.math.robust import mad
 
 SIGNIFICANT = 3.0

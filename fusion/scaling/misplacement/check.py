@@ -155,21 +155,13 @@ def check_place(
     noise, count = 0.0, _independent(there)
     if paired < FALSE_ALARM and count >= FEWEST_INDEPENDENT:
         noise = chance_of_fit(claimed, fits, prior=prior, loose=loose, center=center)
-    wrong = _scatter_elsewhere(places, fits, prior)
-    size = scatter(here)
+    wrong, size = _scatter_elsewhere(places, fits, prior), scatter(here)
+    usual = float(np.median(wrong)) if wrong.size else float("nan")
+    as_good = int(np.count_nonzero(wrong <= size))
     return PlaceCheck(
-        count=len(shots),
-        here_m=size,
-        best_m=scatter(there),
-        best=best,
-        paired=paired,
-        tried=len(places),
-        usual_m=float(np.median(wrong)) if wrong.size else float("nan"),
-        wrong=len(wrong),
-        as_good=int(np.count_nonzero(wrong <= size)),
-        noise=noise,
-        independent=count,
-    )
+        len(shots), size, scatter(there), best, paired, len(places), usual, len(wrong), as_good,
+        noise, count,
+    )  # fmt: skip
 
 
 def _scatter_elsewhere(

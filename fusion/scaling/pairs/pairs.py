@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.observation import (
     ScaleObservations,
     TrajectorySource,
@@ -14,14 +15,13 @@ from fusion.scaling.fit.observation import (
 )
 from fusion.scaling.geometry.frames import PairFrame, PairOptions, UnpairedImage
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
-from fusion.scaling.shots.shots import utc_date
 from fusion.surfacematch import Match, Surface, match_surfaces
 from fusion.surfacematch.resolution import estimate_blur
-from fusion.verdict import Cause
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
 from lidar.scans import Returns
 from spcola.arrays import FloatArray
 from spcola.grids import Maplet
+from spcola.navigation import iso_utc
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def pair_observations(
     return ScaleObservations(
         kind="pairs",
         label=tuple(frame.image for frame in frames),
-        day=tuple(utc_date(frame.time) for frame in frames),
+        day=tuple(iso_utc(frame.time, 0)[:10] for frame in frames),
         # The match moves the lidar onto SPC; the observation is the position of the lidar.
         value=-np.array([pair.match.displacement for pair in pairs]).reshape(-1, 3),
         covariance=own,

@@ -72,7 +72,7 @@ SCALE_KEYS: Mapping[str, str] = {
     "per_pair.incidence_deg": "angle between the ground's normal and the Sun",
     "per_pair.used": "whether it entered the fit",
     "per_pair.reason": "why not, in words",
-    "per_pair.cause": "why not, as a code (`fusion.verdict.Cause`); null if used",
+    "per_pair.cause": "why not, as a code (`fusion.estimation.verdict.Cause`); null if used",
     "per_shot": "for each shot:",
     "per_shot.scan": "name of its scan",
     "per_shot.day": "UTC date",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
@@ -19,7 +20,6 @@ from fusion.scaling.misplacement.scans import ScanChecks
 from fusion.scaling.pairs.pairs import Pair
 from fusion.scaling.shots.shots import ShotComparison
 from fusion.scaling.shots.spots import SpotOptions
-from fusion.verdict import Cause
 
 
 def scale_json(

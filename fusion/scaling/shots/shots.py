@@ -15,7 +15,7 @@ from fusion.scaling.shots.spots import SpotOptions, Spots, cast_spots
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
-from spcola.navigation import utc_from_et
+from spcola.navigation import iso_utc
 from spcola.shape import RayCaster
 
 # More oblique hits are excluded, as their ranges depend strongly on the slope.
@@ -79,7 +79,7 @@ def compare_shots(
         Without the shots whose spacecraft position or beam is unknown, that miss, or that graze;
         it may be empty.
     """
-    spacecraft, beam = scan.spacecraft, scan.beam
+    beam = scan.beam
     measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
     spots, place = spots or SpotOptions(), known or LidarPlacement()
     arm = measured[:, None] * beam if trajectory == "spc" else scan.points
@@ -88,25 +88,33 @@ def compare_shots(
     with np.errstate(invalid="ignore"):
         good = np.isfinite(distance) & (-np.sum(normal * beam, axis=1) > _MIN_COSINE)
     sigma = np.where(np.isfinite(scan.sigma), scan.sigma, spots.range_sigma_m)
-    variance = (sigma**2 + found.variance)[good]
-    point = spacecraft[good] + distance[good, None] * beam[good]
-    return ShotComparison(
-        ScaleObservations(
-            kind="shots",
-            label=(scan.name,) * int(good.sum()),
-            day=tuple(utc_date(time) for time in scan.time[good]),
-            value=(measured - distance)[good, None],
-            covariance=variance[:, None, None],
-            point=point,
-            beam=beam[good],
-            range=distance[good],
-            normal=normal[good],
-            local_time_h=np.full(int(good.sum()), np.nan),
-            shares=(np.ones((len(scan), 1)) if shares is None else shares)[good],
-            trajectory=trajectory,
-            scan=(scan.name,) * int(good.sum()),
-        ),
-        good,
+    seen = Spots(distance, normal, sigma**2 + found.variance)
+    patterns = np.ones((len(scan), 1)) if shares is None else shares
+    return ShotComparison(_observations(scan, seen, good, patterns, trajectory), good)
+
+
+def _observations(
+    scan: Scan, seen: Spots, good: BoolArray, shares: FloatArray, trajectory: TrajectorySource
+) -> ScaleObservations:
+    """Return the good ones of the shots (N,) of a scan as observations."""
+    count = int(good.sum())
+    labels, beam = (scan.name,) * count, scan.beam[good]
+    measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)[good]
+    distance = seen.distance[good]
+    return ScaleObservations(
+        kind="shots",
+        label=labels,
+        day=tuple(iso_utc(time, 0)[:10] for time in scan.time[good]),
+        value=(measured - distance)[:, None],
+        covariance=seen.variance[good][:, None, None],
+        point=scan.spacecraft[good] + distance[:, None] * beam,
+        beam=beam,
+        range=distance,
+        normal=seen.normal[good],
+        local_time_h=np.full(count, np.nan),
+        shares=shares[good],
+        trajectory=trajectory,
+        scan=labels,
     )
 
 
@@ -151,14 +159,3 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     days = tuple(day for part in parts for day in part.day)
     joined = replace(parts[0], label=labels, scan=labels, day=days, shares=joint, **layers)
     return ShotComparison(joined, np.concatenate([one.hits for one in compared]))
-
-
-def utc_date(time: float) -> str:
-    """UTC date ``YYYY-MM-DD`` of ephemeris time (s); "unknown" where that is NaN."""
-    if not np.isfinite(time):
-        return "unknown"
-    year, month, day = utc_from_et(time, 0).split()[:3]
-    return f"{year}-{_MONTHS.index(month) + 1:02d}-{int(day):02d}"
-
-
-_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")

@@ -5,27 +5,32 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import spcola
 from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import clear_leftovers, locked, make_folder
+from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
+from fusion.stages.images.doubts import StateDoubt, find_doubts
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
 from fusion.stages.images.sources import Sighting, StateChoice, find_sightings, stated_times
+from fusion.stages.images.turns import Turn
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
+from spcola.camera.linescan import LineScanImage
 from spcola.errors import InvalidValueError, WorkspaceError
+from spcola.formats.solution.exact_camera import stored_camera
 
 __all__ = ["ImportOptions", "Imported", "import_images"]
 _LOCK = ".images.lock"
 ITEM_PLACE = Path(".items") / "images"
-ITEM_VERSION = f"{spcola.__version__} images 1"
+ITEM_VERSION = f"{spcola.__version__} images 2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +69,15 @@ class Imported:
         Images of other filters.
     remarks : tuple of str
         What does not fit together, one line each.
+    doubts : tuple of StateDoubt
+        New states that contradict the shape.
     """
 
     new: tuple[ImageRecord, ...]
     known: tuple[ImageRecord, ...]
     filtered: int
     remarks: tuple[str, ...]
+    doubts: tuple[StateDoubt, ...] = ()
 
 
 def import_images(
@@ -113,19 +121,22 @@ def import_images(
         found = find_sightings(workspace, images, options.states)
         known = _known(workspace, images, catalogue, options)
         planned = _plan(workspace, images, found.sightings, known, catalogue, options)
+        stated = {one.name: one.sighting for one in planned if one.sighting is not None}
+        doubts = find_doubts(workspace, stated)
         fresh = [one for one in planned if one.image.digest not in known]
         facts = _all_pixels(workspace, fresh, options, executor, progress)
         records = [
             _record(workspace, one, facts.get(one.name), options, known.get(one.image.digest))
             for one in planned
         ]
-        _write_states(workspace, planned, records)
+        _write_states(workspace, planned, records, options.recipe)
         if planned:
             merged = {**catalogue, **{record.name: record for record in records}}
             write_catalogue(workspace, merged.values())
     new = [record for record in records if record.name not in catalogue]
     old = [record for digest, record in known.items()]
-    return Imported(tuple(new), tuple(old), len(opened) - len(images), found.remarks)
+    filtered = len(opened) - len(images)
+    return Imported(tuple(new), tuple(old), filtered, found.remarks, doubts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +179,8 @@ def _known(
             continue
         if record.recipe != recipe:
             raise WorkspaceError(
-                f"is there already as {record.name}, prepared with other --dark, --flat, --bits or "
-                "--orientation",
+                f"is there already as {record.name}, prepared with other --dark, --flat, "
+                "--smear-s, --bits, thresholds or --orientation",
                 image.path,
                 f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
             )
@@ -211,16 +222,24 @@ def _plan(
 def _check_size(workspace: Workspace, one: _Planned, options: ImportOptions) -> None:
     """Refuse an image of another size than its camera."""
     width, height = _turned_size(one.image, options)
+    turn = options.recipe.turn
+    if one.sighting is not None and one.sighting.scan is not None and turn is not Turn.AS_STORED:
+        raise InvalidValueError(
+            f"cannot be turned ({turn}): its lines were exposed one after the other",
+            one.image.path,
+            "leave --orientation out",
+        )
     if one.sighting is not None:
-        camera, where = one.sighting.camera, one.sighting.camera_origin
+        size, where = one.sighting.size, one.sighting.camera_origin
     elif workspace.image_path(one.name).is_file():
-        camera, where = workspace.image(one.name).camera, str(workspace.image_path(one.name))
+        size, where = workspace.image(one.name).size, str(workspace.image_path(one.name))
+    elif workspace.line_scan_path(one.name).is_file():
+        size, where = workspace.line_scan(one.name).size, str(workspace.line_scan_path(one.name))
     else:
         return
-    if (camera.width, camera.height) != (width, height):
+    if size != (width, height):
         raise InvalidValueError(
-            f"has {width} × {height} pixels, its camera in {where} {camera.width} × "
-            f"{camera.height}",
+            f"has {width} × {height} pixels, its camera in {where} {size[0]} × {size[1]}",
             one.image.path,
             "give the camera of this image",
         )
@@ -249,18 +268,12 @@ def _all_pixels(
     facts = {}
     sizes = [float(one.image.size[0] * one.image.size[1]) for one in planned]
     with progress.items("images", sizes, executor.workers) as task:
-        for name, seconds, found in executor.stream(partial(_timed, bring), planned):
-            facts[name] = found
+        done = executor.stream(Timed(bring.image), planned)
+        for one, (found, seconds) in zip(planned, done, strict=True):
+            facts[one.name] = found
             task.advance_one(seconds)
     store.remove_unused(begun)
     return facts
-
-
-def _timed(bring: _Bringing, one: _Planned) -> tuple[str, float, PixelFacts]:
-    """Return the name, the seconds that the work took, and its result."""
-    begun = time.perf_counter()
-    facts = bring.image(one)
-    return one.name, time.perf_counter() - begun, facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +291,7 @@ class _Bringing:
         work = PixelWork(one.image.path, self.options.size, target)
 
         def written(_digest: str, _recipe: str, _place: Path) -> PixelFacts:
-            return write_pixels(work, self.preparation, self.options.recipe.turn)
+            return write_pixels(work, self.preparation, self.options.recipe)
 
         facts = self.store.result(written, one.image.digest, self.options.recipe.digest, target)
         # The item outlives a file that was removed.
@@ -294,38 +307,57 @@ def _record(
 ) -> ImageRecord:
     """Return the line of the catalogue of an image."""
     image, sighting = one.image, one.sighting
-    state = camera = None
+    state: dict[str, Any] | None = None
+    camera = fit = None
     notes = image.notes
     if sighting is not None:
         source = str(sighting.state.source)
         state = {"source": source, "from": sighting.origin, "solution": workspace.solution}
         camera, notes = sighting.camera_origin, (*notes, *sighting.notes)
-    elif workspace.image_path(one.name).is_file():
-        path = workspace.image_path(one.name)
+        if sighting.scan is not None:
+            state["lines"] = sighting.scan.height
+        elif (stored := stored_camera(sighting.camera)).difference.largest_px > 0.0:
+            fit = stored.as_json()
+    elif (path := _state_path(workspace, one.name)).is_file():
         state = {"source": "sum", "from": str(path), "solution": workspace.solution}
         camera = str(path)
     if known is not None:
-        return replace(known, state=state, camera=camera, notes=notes)
+        return replace(known, state=state, camera=camera, notes=notes, camera_fit=fit)
     assert facts is not None
     return ImageRecord(
         one.name, image.original, str(image.path.absolute()), image.digest, options.recipe.digest,
         str(options.recipe.turn), _turned_size(image, options), facts, image.label, state, camera,
-        notes,
+        notes, fit,
     )  # fmt: skip
 
 
 def _write_states(
-    workspace: Workspace, planned: Sequence[_Planned], records: Sequence[ImageRecord]
+    workspace: Workspace,
+    planned: Sequence[_Planned],
+    records: Sequence[ImageRecord],
+    recipe: Recipe,
 ) -> None:
-    """Write .SUM and .NOM files of the images with a state."""
-    images, nominal = [], []
+    """Write .SUM and .NOM files of the images with a state, and files of line scans."""
+    images, nominal, scans = [], [], []
     for one, record in zip(planned, records, strict=True):
         if one.sighting is None:
             continue
         state = replace(one.sighting.state, name=one.name)
-        thresholds = one.sighting.thresholds or record.pixels.thresholds
+        thresholds = record.pixels.thresholds
+        # Those of the camera's .SUM file are used unless the user chose others.
+        if one.sighting.thresholds and not recipe.chooses_thresholds:
+            thresholds = one.sighting.thresholds
+        if one.sighting.scan is not None:
+            scans.append(LineScanImage(one.name, one.sighting.scan, state.sun, thresholds))
+            continue
         images.append(state.as_image(one.sighting.camera, thresholds=thresholds))
         if one.sighting.rate is not None:
             nominal.append(state.as_nominal(one.sighting.rate))
-    if images:
-        write_states(workspace, images, nominal)
+    if images or scans:
+        write_states(workspace, images, nominal, scans)
+
+
+def _state_path(workspace: Workspace, name: str) -> Path:
+    """Return where the state of an image lies, or would lie."""
+    scan = workspace.line_scan_path(name)
+    return scan if scan.is_file() else workspace.image_path(name)

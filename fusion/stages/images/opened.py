@@ -10,6 +10,7 @@ from typing import Any
 
 from fusion.runtime import Executor
 from fusion.stages.images.pixels import file_digest
+from spcola.camera.detector import Orientation
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.images import ImageFile, open_image
 from spcola.formats.images.names import NamedImage, is_spc_name, spc_name
@@ -40,6 +41,8 @@ class OpenedImage:
     label : dict
         Facts of the label for the catalogue.
     notes : tuple of str
+    display : Orientation, optional
+        How the label wants the pixels shown.
     """
 
     path: Path
@@ -52,6 +55,7 @@ class OpenedImage:
     filter: str | None
     label: dict[str, Any]
     notes: tuple[str, ...]
+    display: Orientation | None = None
 
 
 def open_images(
@@ -91,6 +95,7 @@ def _opened(path: Path, size: tuple[int, int] | None) -> OpenedImage:
         path, file_digest(image.pixel_path), original,
         tuple(dict.fromkeys(keys)), time, (image.width, image.height),
         image.label.line_exposure_s is not None, image.label.filter, _facts(image), image.notes,
+        image.label.orientation,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -14,13 +15,14 @@ from fusion.stages.images.turns import Turn
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera.detector import (
     BitDepth,
+    FrameTransfer,
     PixelValues,
     Preparation,
     PreparedPixels,
     prepare_pixels,
 )
 from spcola.errors import InvalidValueError, NotObservableError, WorkspaceError
-from spcola.formats.images import open_image, write_image_data
+from spcola.formats.images import ImageFile, open_image, write_image_data
 from spcola.formats.text import read_bytes
 
 _CHUNK = 1 << 20
@@ -32,6 +34,46 @@ _BELOW_GROUND = 0.7
 _FEW_LEVELS = 64
 # Enough for a percentile, and for a correlation.
 _SAMPLES, _LINES = 1 << 16, 64
+
+
+@dataclass(frozen=True)
+class SmearTimes:
+    """Times of the frame transfer of all images (:class:`spcola.camera.detector.FrameTransfer`).
+
+    Parameters
+    ----------
+    line_transfer_s, clearing_s : float
+        For one line.
+    memory_side : {"first line", "last line"}
+        Edge of the image, as stored, at which the frame goes into the memory.
+    exposure_s : float, optional
+        Exposure time of all images; that of each label if not given.
+    """
+
+    line_transfer_s: float
+    clearing_s: float = 0.0
+    memory_side: Literal["first line", "last line"] = "first line"
+    exposure_s: float | None = None
+
+    def of_image(self, image: ImageFile) -> FrameTransfer:
+        """Return the frame transfer of an image.
+
+        Raises
+        ------
+        InvalidValueError
+            If its exposure time is unknown, or shorter than the transfer of a line.
+        """
+        exposure = self.exposure_s or image.label.exposure_s
+        if exposure is None:
+            raise InvalidValueError(
+                "its label states no exposure time, which removal of smear needs",
+                image.path,
+                "give --exposure-s, or leave out --smear-s",
+            )
+        try:
+            return FrameTransfer(exposure, self.line_transfer_s, self.clearing_s, self.memory_side)
+        except InvalidValueError as error:
+            raise InvalidValueError(f"{error.where} {error.what}", image.path, error.do) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +88,12 @@ class Recipe:
         Ratio of the exposure times of image and dark frame.
     bits : {8, 16}, optional
     turn : Turn
+    smear : SmearTimes, optional
+        Smear is removed if given.
+    low, high : int, optional
+        Thresholds in DN; by the histogram if not given.
+    bright_background : bool
+        Whether the body lies in front of something brighter; then `high` is found between both.
     """
 
     dark: Path | None = None
@@ -53,18 +101,34 @@ class Recipe:
     dark_scale: float = 1.0
     bits: Literal[8, 16] | None = None
     turn: Turn = Turn.AS_STORED
+    smear: SmearTimes | None = None
+    low: int | None = None
+    high: int | None = None
+    bright_background: bool = False
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Equal for equal treatment: the content of the frames counts, not their names."""
         frames = ["" if p is None else file_digest(p) for p in (self.dark, self.flat)]
-        content = repr((*frames, self.dark_scale if self.dark else 1.0, self.bits, str(self.turn)))
+        more = (self.smear, self.low, self.high, self.bright_background)
+        content = repr((
+            *frames, self.dark_scale if self.dark else 1.0, self.bits, str(self.turn),
+            *(more if any(value is not None and value is not False for value in more) else ()),
+        ))  # fmt: skip
         return hashlib.sha256(content.encode()).hexdigest()
+
+    @property
+    def chooses_thresholds(self) -> bool:
+        """Whether the user said something about thresholds."""
+        return self.low is not None or self.high is not None or self.bright_background
 
     def preparation(self) -> Preparation:
         """Read the frames."""
         dark, flat = (None if path is None else _frame(path) for path in (self.dark, self.flat))
-        return Preparation(dark=dark, flat=flat, dark_scale=self.dark_scale, bits=self.bits)
+        return Preparation(
+            dark=dark, flat=flat, dark_scale=self.dark_scale, bits=self.bits, low=self.low,
+            high=self.high, bright_background=self.bright_background,
+        )  # fmt: skip
 
 
 def file_digest(*paths: Path) -> str:
@@ -105,22 +169,32 @@ class PixelWork:
     target: Path
 
 
-def write_pixels(work: PixelWork, preparation: Preparation, turn: Turn) -> PixelFacts:
+def write_pixels(work: PixelWork, preparation: Preparation, recipe: Recipe) -> PixelFacts:
     """Write the .DAT file of an image; one of the same content is left as it is.
+
+    Parameters
+    ----------
+    work : PixelWork
+    preparation : Preparation
+        That of `recipe`, whose frames are read once for all images.
+    recipe : Recipe
 
     Raises
     ------
     FormatError
         If the image cannot be read.
     InvalidValueError
-        If a dark frame or flat field has another size.
+        If a dark frame or flat field has another size, the exposure time is unknown, or there is no
+        brighter background.
     WorkspaceError
         If there is a .DAT file with other content, or it cannot be written.
     """
-    pixels = open_image(work.path, size=work.size).read()
-    prepared = _prepared(pixels, preparation, work.path)
+    image = open_image(work.path, size=work.size)
+    if recipe.smear is not None:
+        preparation = replace(preparation, smear=recipe.smear.of_image(image))
+    prepared = _prepared(image.read(), preparation, work.path)
     stored = prepared.stored
-    dn = np.ascontiguousarray(turn.orientation.apply(stored.dn))
+    dn = np.ascontiguousarray(recipe.turn.orientation.apply(stored.dn))
     big = dn.astype(dn.dtype.newbyteorder(">")).tobytes()
     sha = hashlib.sha256(big).hexdigest()
     if work.target.exists():
@@ -143,7 +217,13 @@ def _prepared(pixels: PixelValues, preparation: Preparation, path: Path) -> Prep
     """Return pixels and thresholds; those of a frame without any light too."""
     try:
         return prepare_pixels(pixels, preparation)
-    except NotObservableError:
+    except NotObservableError as error:
+        if preparation.bright_background:
+            raise InvalidValueError(
+                f"{error.where} {error.what}",
+                path,
+                "give --high DN, or import it without --bright-background",
+            ) from error
         return prepare_pixels(pixels, replace(preparation, low=1))
     except InvalidValueError as error:
         # What cannot be scaled is kept as numbers from 0: triage names empty frames.
@@ -151,7 +231,8 @@ def _prepared(pixels: PixelValues, preparation: Preparation, path: Path) -> Prep
             bits: Literal[8, 16] = preparation.bits or (
                 8 if pixels.values.dtype.itemsize == 1 else 16
             )
-            return prepare_pixels(pixels, replace(preparation, depth=BitDepth(bits), low=1))
+            kept = replace(preparation, low=1, high=None, bright_background=False)
+            return prepare_pixels(pixels, replace(kept, depth=BitDepth(bits)))
         raise InvalidValueError(f"{error.where}: {error.what}", path, error.do) from error
 
 

@@ -81,6 +81,10 @@ class ImageRecord:
         Where the state comes from: ``source``, ``from`` and ``solution``; None without a state.
     camera : str, optional
         Where the camera comes from.
+    camera_fit : mapping, optional
+        Of a camera whose distortion is not Owen's: its ``model``, the camera ``file`` next to the
+        .SUM file (empty if none is needed), and how far the .SUM file's camera is from it,
+        ``rms_px`` and ``largest_px``.
     notes : tuple of str
         What is doubtful.
     """
@@ -97,10 +101,14 @@ class ImageRecord:
     state: Mapping[str, Any] | None = None
     camera: str | None = None
     notes: tuple[str, ...] = ()
+    camera_fit: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the record in JSON types."""
-        return {**asdict(self), "label": dict(self.label)}
+        content = {**asdict(self), "label": dict(self.label)}
+        if self.camera_fit is None:
+            del content["camera_fit"]
+        return content
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any], where: str) -> ImageRecord:
@@ -112,7 +120,9 @@ class ImageRecord:
             If a field is missing.
         """
         try:
-            given = {item.name: content[item.name] for item in fields(cls)}
+            given = {
+                item.name: content[item.name] for item in fields(cls) if item.name != "camera_fit"
+            }
             pixels = {item.name: content["pixels"][item.name] for item in fields(PixelFacts)}
         except (KeyError, TypeError) as error:
             raise FormatError(
@@ -120,4 +130,5 @@ class ImageRecord:
             ) from error
         pixels["thresholds"] = tuple(pixels["thresholds"])
         made = {"pixels": PixelFacts(**pixels), "size": tuple(given["size"])}
-        return cls(**{**given, **made, "notes": tuple(given["notes"])})
+        made |= {"notes": tuple(given["notes"]), "camera_fit": content.get("camera_fit")}
+        return cls(**{**given, **made})

@@ -9,23 +9,30 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.stages.images.label_states import (
+    display_notes,
+    label_camera,
+    label_state,
+    other_state_notes,
+)
 from fusion.stages.images.opened import OpenedImage
 from fusion.stages.states import SourceOptions, states_by_kernels, states_by_poses
+from fusion.stages.states.source import stated_spin
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
-from spcola.errors import FormatError, InvalidValueError, SpcolaError
-from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
-from spcola.formats.solution import read_summary
+from spcola.camera.linescan import LineScan
+from spcola.errors import FormatError, InvalidValueError
+from spcola.formats.cameras import read_colmap_cameras, read_isd
+from spcola.formats.solution.any_camera import read_camera
 from spcola.formats.states import (
     Exposure,
     read_colmap,
     read_isd_states,
-    read_isis_states,
     read_times,
 )
 from spcola.navigation import utc_from_et
-from spcola.navigation.states import ImageState, compare_states
+from spcola.navigation.states import ImageState
 from spcola.spice.states import SpiceCamera
 
 __all__ = ["StateChoice", "StateKind", "find_sightings", "stated_times"]
@@ -63,7 +70,7 @@ class StateChoice:
     columns : mapping of str to str
         For names of columns, those in the table of poses.
     pck : Path, optional
-        With the rotation for poses along J2000.
+        With the rotation for poses and labels along J2000.
     kernels : SourceOptions
     frame : SpiceCamera, optional
         The camera in the kernels.
@@ -102,6 +109,8 @@ class Sighting:
         Angular velocity of the body, body-fixed, rad/s: with it there is a .NOM file.
     notes : tuple of str
         What other sources give.
+    scan : LineScan, optional
+        States of all lines of a line-scan image; `state` is that of its middle.
     """
 
     state: ImageState
@@ -111,6 +120,12 @@ class Sighting:
     camera_origin: str
     rate: FloatArray | None = None
     notes: tuple[str, ...] = ()
+    scan: LineScan | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Samples and lines of an image of the camera."""
+        return self.camera.width, self.camera.height if self.scan is None else self.scan.height
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +138,15 @@ class FoundSightings:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A state with what else its source gives."""
+    """A state with what else its source gives; of lines: times, positions and axes."""
 
     state: ImageState
     origin: Path
     rate: FloatArray | None = None
     camera: Camera | None = None
     camera_origin: str = ""
+    lines: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def find_sightings(
@@ -146,14 +163,14 @@ def find_sightings(
     if choice.kind is StateKind.NONE:
         return FoundSightings({}, ())
     for image in images:
-        if image.scanner:
+        if image.scanner and choice.kind not in (StateKind.LABEL, StateKind.ISD):
             raise InvalidValueError(
-                "is of a line scanner: a .SUM file has one state, not one for each line",
+                f"is of a line scanner: {_named(choice)} has one state, not one for each line",
                 image.path,
-                "import its pixels without --states",
+                "take --states label or isd, or import its pixels without --states",
             )
     candidates, remarks = _FINDERS[choice.kind](workspace, images, choice)
-    camera, thresholds = (None, None) if choice.camera is None else _camera(choice.camera)
+    camera, thresholds = (None, None) if choice.camera is None else read_camera(choice.camera)
     times = {} if choice.times is None else read_times(choice.times, columns={})
     found = {}
     for image in images:
@@ -170,9 +187,10 @@ def find_sightings(
                 f"has a state ({choice.kind}) and no camera", image.path, "give --camera FILE"
             )
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
+        scan = None if candidate.lines is None else LineScan(used, *candidate.lines)
         found[image.digest] = Sighting(
-            state, _as_owen(used), thresholds, str(candidate.origin), origin, candidate.rate,
-            (*notes, *_other_source(image, state, used, choice.kind)),
+            state, used, thresholds, str(candidate.origin), origin, candidate.rate,
+            (*candidate.notes, *notes, *_label_notes(image, state, used, choice.kind)), scan,
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
 
@@ -216,7 +234,8 @@ def _completed(
         raise InvalidValueError(
             "the direction to the Sun is unknown", image.path, "give --times TABLE with sunx …"
         )
-    if image.time is None or abs(image.time - state.time) <= _SAME_TIME_S:
+    # The label of a cut line scan still has the time of the whole one.
+    if image.time is None or image.scanner or abs(image.time - state.time) <= _SAME_TIME_S:
         return state, ()
     return state, (
         f"the label gives {utc_from_et(image.time, 3)} for the middle of the exposure, its state "
@@ -224,22 +243,13 @@ def _completed(
     )
 
 
-def _other_source(
+def _label_notes(
     image: OpenedImage, state: ImageState, camera: Camera, kind: StateKind
 ) -> tuple[str, ...]:
-    """Return how far the state in an ISIS cube's tables is from the one that is used."""
-    if kind is StateKind.LABEL or image.label["format"] != "isis":
-        return ()
-    try:
-        other = replace(_label_state(image), name=state.name)
-    except SpcolaError:
-        return ()
-    apart = compare_states(state, other, camera)
-    pointing = np.degrees(np.linalg.norm(apart.pointing))
-    return (
-        f"the tables in its label give another state: {np.linalg.norm(apart.camera_m):.4g} m, "
-        f"{pointing:.3g}°, {np.hypot(*apart.pixels):.3g} pixels at the boresight away",
-    )
+    """Return how far the state or the display of the label is from what is used."""
+    if kind is StateKind.LABEL:
+        return display_notes(image, camera)
+    return other_state_notes(image, state, camera)
 
 
 def _matched(
@@ -295,20 +305,16 @@ def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: Sta
 
 
 def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return the states in the tables of ISIS cubes."""
-    del workspace, choice
-    return {image.digest: _Candidate(_label_state(image), image.path) for image in images}, []
-
-
-def _label_state(image: OpenedImage) -> ImageState:
-    """Return the state in the tables of a cube."""
-    if image.label["format"] != "isis":
-        raise FormatError(
-            f"its label ({image.label['format'].upper()}) has no tables of the camera's state",
-            image.path,
-            "take --poses or --states spice",
+    """Return the states in the labels of ISIS cubes, PDS3 and PDS4, and the cameras known."""
+    spin = stated_spin(workspace, choice.pck, choice.kernels.body)
+    found = {}
+    for image in images:
+        label = label_state(image, spin)
+        camera = None if choice.camera is not None else label_camera(image)
+        found[image.digest] = _Candidate(
+            label.state, image.path, None, camera, str(image.path), label.lines, label.notes
         )
-    return read_isis_states(image.path).state(image.path.stem, image.time)
+    return found, []
 
 
 def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
@@ -322,11 +328,11 @@ def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateCh
         if path is None:
             continue
         sensor = read_isd(path)
-        if len(sensor.times) > 1:
-            raise InvalidValueError("is of a line scanner", path, "leave its image out")
-        state = read_isd_states(path).state(image.path.stem, float(sensor.times[0]))
-        state = replace(state, scobj=-sensor.positions[0], axes=sensor.axes[0])
-        found[image.digest] = _Candidate(state, path, None, sensor.camera, str(path))
+        middle = len(sensor.times) // 2
+        state = read_isd_states(path).state(image.path.stem, float(sensor.times[middle]))
+        state = replace(state, scobj=-sensor.positions[middle], axes=sensor.axes[middle])
+        lines = (sensor.times, sensor.positions, sensor.axes) if middle else None
+        found[image.digest] = _Candidate(state, path, None, sensor.camera, str(path), lines)
     return found, []
 
 
@@ -351,25 +357,6 @@ _FINDERS: dict[StateKind, Callable[[Workspace, Sequence[OpenedImage], StateChoic
     StateKind.ISD: _by_isd,
     StateKind.COLMAP: _by_colmap,
 }
-
-
-def _camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
-    """Return the camera in a .SUM file or a camera file, and the thresholds of the former."""
-    if path.suffix.lower() != ".toml":
-        image = read_summary(path)
-        return image.camera, image.thresholds
-    cameras = read_cameras(path)
-    if len(cameras) > 1:
-        raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
-    (instrument,) = cameras.values()
-    return instrument.camera, None
-
-
-def _as_owen(camera: Camera) -> Camera:
-    """Return a camera without distortion in Owen's form, the one of .SUM files."""
-    if camera.distortion.any():
-        return camera
-    return replace(camera, distortion_model="owen", distortion=np.zeros(4))
 
 
 def _named(choice: StateChoice) -> str:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from fusion.stages.images.turns import Turn
+from spcola.imagematching.frames.mistakes import Mistake, ViewProblem
 
-__all__ = ["Fit", "Flag", "Scene", "Triage", "TriageReport"]
+__all__ = ["Fit", "Flag", "Likely", "Scene", "Triage", "TriageReport"]
 
 
 class Scene(StrEnum):
@@ -33,6 +34,11 @@ class Flag(StrEnum):
     OFFSET = "offset"
     UNMATCHED = "unmatched"
     NO_STATE = "no state"
+    WRONG_STATE = "wrong state"
+    INSIDE = "inside body"
+    AWAY = "looks away"
+    TINY = "below a pixel"
+    NIGHT = "no sunlit ground"
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,32 @@ class Fit:
 
 
 @dataclass(frozen=True)
+class Likely:
+    """The likely reason why an image does not fit its state.
+
+    Parameters
+    ----------
+    code : str
+        A :class:`spcola.imagematching.frames.Mistake`, or ``other-image``.
+    correlation : float
+        Of the image with the shape at the state that it would have without the mistake.
+    image : str
+        Whose state fits, for ``other-image``.
+    """
+
+    code: str
+    correlation: float
+    image: str = ""
+
+    @property
+    def text(self) -> str:
+        """The reason in words."""
+        if self.image:
+            return f"its state is that of another image: it fits the one of {self.image}"
+        return Mistake(self.code).text
+
+
+@dataclass(frozen=True)
 class Triage:
     """What an image shows.
 
@@ -77,12 +109,18 @@ class Triage:
     lit_share : float
         Share of pixels of lit ground.
     range_m, resolution_m : float
-        At the frame's centre; NaN without a state.
+        At the frame's centre; NaN without a state. Of a line scan the resolution is that along the
+        detector's line.
     phase_deg, emission_deg : float
         At the frame's centre; NaN where unknown.
     fit : Fit, optional
         Where there are state and shape, and the body is in the frame.
+    corners_deg : tuple of pair
+        East longitude and latitude of the frame's corners on the shape, from the upper left one on
+        with the clock; NaN off the body, empty without a state or a shape.
     flags : tuple of Flag
+    likely : Likely, optional
+        Where another state explains the picture.
     """
 
     name: str
@@ -96,7 +134,9 @@ class Triage:
     phase_deg: float
     emission_deg: float
     fit: Fit | None
+    corners_deg: tuple[tuple[float, float], ...]
     flags: tuple[Flag, ...]
+    likely: Likely | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the triage in JSON types."""
@@ -126,15 +166,29 @@ def _offset_words(triage: Triage) -> str:
     return f"lies {right:+.1f} pixels and {down:+.1f} lines from the shape at its state"
 
 
+def _state_words(triage: Triage) -> str:
+    assert triage.likely is not None
+    given = triage.fit.given if triage.fit is not None else 0.0
+    return (
+        f"does not fit its state; likely {triage.likely.text} (correlation "
+        f"{triage.likely.correlation:.2f} then, {given:.2f} as it is) [{triage.likely.code}]"
+    )
+
+
 _WORDS: dict[Flag, str | Callable[[Triage], str]] = {
     Flag.EMPTY: "shows noise alone",
     Flag.OVEREXPOSED: "is overexposed",
-    Flag.SMEARED: "has smear along whole columns or lines",
+    Flag.SMEARED: "has smear along whole columns or lines; --smear-s removes a frame transfer's",
     Flag.MIRRORED: _turn_words,
     Flag.TURNED: _turn_words,
     Flag.OFFSET: _offset_words,
     Flag.UNMATCHED: "looks like the shape at its state in no orientation, or in several alike",
     Flag.NO_STATE: "has no state: give --poses or --states",
+    Flag.WRONG_STATE: _state_words,
+    Flag.INSIDE: f"by its state {ViewProblem.INSIDE.text}",
+    Flag.AWAY: f"by its state {ViewProblem.AWAY.text}",
+    Flag.TINY: f"by its state {ViewProblem.TINY.text}",
+    Flag.NIGHT: f"by its state {ViewProblem.NIGHT.text}",
 }
 
 
@@ -157,6 +211,12 @@ class TriageReport:
         return counts | {str(flag): sum(flag in one.flags for one in self.images) for flag in Flag}
 
     @property
+    def likely(self) -> dict[str, int]:
+        """Numbers of images by the code of what is likely wrong with their states."""
+        codes = [one.likely.code for one in self.images if one.likely is not None]
+        return {code: codes.count(code) for code in sorted(set(codes))}
+
+    @property
     def found_orientation(self) -> dict[str, int]:
         """Numbers of images by the orientation in which they fit the shape."""
         turns = [str(one.fit.turn) for one in self.images if one.fit and one.fit.turn]
@@ -175,6 +235,7 @@ class TriageReport:
         """Return the report in JSON types."""
         return {
             "counts": self.counts,
+            "likely": self.likely,
             "orientations": self.found_orientation,
             "offset_rms_px": list(self.offset_rms_px),
             "images": [one.as_json() for one in self.images],

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from fusion.estimation.verdict import Code, Severity, Verdict
 from fusion.pipeline import StageContext
 from fusion.stages.ingest.lidar_files import (
     INGEST,
@@ -16,7 +17,6 @@ from fusion.stages.ingest.lidar_files import (
     recorded_origins,
     recorded_source,
 )
-from fusion.verdict import Code, Severity, Verdict
 from lidar.formats.native import scan_summary
 from lidar.scans import ScanSummary
 from spcola.errors import WorkspaceError

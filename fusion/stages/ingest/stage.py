@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from fusion.pipeline import Stage, StageContext, StageResult
-from fusion.pipeline.catalog import Catalog, content_digest
-from fusion.runtime import Executor, Progress
+from fusion.pipeline.catalog import Catalog
+from fusion.runtime import Executor, Progress, content_digest
 from fusion.runtime.machine import forget_pages, one_blas_thread
 from fusion.stages.ingest.lidar_files import (
     INGEST,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
+from fusion.scene.geolocation import ReturnSource
 from fusion.workspace.settings.processing import MapolaSettings
 from lidar.adjustment import (
     AdjustmentOptions,

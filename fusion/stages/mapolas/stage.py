@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource, advice_on_unplaced, return_paths
 from fusion.pipeline import Stage, StageContext, StageResult, with_kept
 from fusion.runtime.machine import check_grid
+from fusion.scene.geolocation import ReturnSource, advice_on_unplaced, return_paths
+from fusion.stages.line_scans import line_scans_not_used, no_images
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
@@ -46,8 +47,8 @@ class MapolasStage(Stage):
             return f"there are no scans; run: spcola import {workspace.root} FILE"
         if settings.mapolas.source == "maplets" and not workspace.maplet_names():
             return 'there are no maplets in MAPFILES; set [mapolas] source = "cover"'
-        if settings.mapolas.trajectory == "spc" and not workspace.image_names():
-            return 'there are no images in SUMFILES; set [mapolas] trajectory = "reference"'
+        if settings.mapolas.trajectory == "spc" and (lacking := no_images(workspace)):
+            return f'{lacking}; set [mapolas] trajectory = "reference"'
         if settings.mapolas.source == "cover" and not workspace.has_shape():
             return "a covering needs a shape in SHAPEFILES"
         return ""
@@ -103,6 +104,8 @@ class MapolasStage(Stage):
             summary["returns_without_place"] = lost
         if context.table(SpiceSettings).kernels or table.trajectory == "spc":
             summary["located_within_m"] = store.interpolation_error_m
+        if table.trajectory == "spc":
+            summary |= line_scans_not_used(workspace)
         workspace.adjustment_path.unlink(missing_ok=True)
         if adjustment is not None:
             write_adjustment(workspace.adjustment_path, adjustment)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.pipeline import StageContext
 from fusion.registration.judging import Evidence, ReliefPair, common_relief
 from fusion.registration.results import GivenRegistration, mapola_registrations, transform_of
@@ -15,7 +16,6 @@ from fusion.stages.register.frame_search import search_workspace_frames
 from fusion.stages.register.matching import Matched, Matcher
 from fusion.surfacematch import Match, Surface
 from fusion.surfacematch.resolution import blur
-from fusion.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.workspace.settings.processing import RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError, SpcolaError

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.geolocation import located_store
 from fusion.registration.search import FrameSearch, cells_of, search_frames
+from fusion.scene.geolocation import located_store
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from spcola.arrays import FloatArray

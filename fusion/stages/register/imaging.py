@@ -17,7 +17,7 @@ from spcola.camera import SpcImage, project_image
 from spcola.control import Landmark
 from spcola.control.estimation import MeasuredLandmarks, measured_sigma, state_covariance
 from spcola.errors import NotObservableError
-from spcola.grids import MapletGrid
+from spcola.grids import Maplet, MapletGrid
 from spcola.imagematching import ChoiceOptions, Sighting, SightOptions, choose_images, find_ground
 from spcola.photometry.functions import photometric_function
 from spcola.shape import RayCaster
@@ -79,12 +79,11 @@ class ImageScene:
             ),
         )
 
-    def sighting(self, name: str) -> Sighting:
-        """Match a mapola with the images that show it."""
-        mapola = self.workspace.mapola(name)
+    def sighting(self, ground: Maplet) -> Sighting:
+        """Match a mapola, or other ground, with the images that show it."""
         return find_ground(
-            mapola,
-            choose_images(mapola.grid, self.images, options=self.choice),
+            ground,
+            choose_images(ground.grid, self.images, options=self.choice),
             self.states,
             exposed=self.exposed,
             beyond=self.beyond,
@@ -110,7 +109,11 @@ def imaged_mapolas(
             where=context.workspace.root / "IMAGEFILES",
             do='put images there, or set [register] by = "topography"',
         )
-    sightings = context.map("find mapolas in images", scene.sighting, names)
+
+    def sighting(name: str) -> Sighting:
+        return scene.sighting(context.workspace.mapola(name))
+
+    sightings = context.map("find mapolas in images", sighting, names)
     return place_mapolas(grids, sightings)
 
 

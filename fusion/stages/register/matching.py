@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
 from fusion.pipeline.items import ItemStore
 from fusion.registration.results import GivenRegistration
 from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.runtime.machine import check_grid
 from fusion.scene import Reference, surface_reference
+from fusion.scene.geolocation import ReturnSource
 from fusion.surfacematch import Match, MatchOptions, Surface, match_surfaces
 from fusion.surfacematch.resolution import (
     NoiseSpectrum,
@@ -111,10 +111,7 @@ class Matcher:
             "lower it",
         )
         if self.source is not None:
-            around = self.source.around(grid, self.options.capture_m)
-            fixed = FixedSurface(grid, self.reference(name, grid), blur)
-            cloud = CloudOfReturns(around.points, around.sigma)
-            return self.items.result(match_returns, name, cloud, fixed, options=self.options)
+            return self.match_returns(self.source, name, grid, blur)
         return self.items.result(
             match_surfaces,
             name,
@@ -125,6 +122,15 @@ class Matcher:
             spectrum=spectrum,
             options=self.options,
         )
+
+    def match_returns(
+        self, source: ReturnSource, name: str, grid: MapletGrid, blur: float
+    ) -> Match:
+        """Match the returns around the grid of a mapola."""
+        around = source.around(grid, self.options.capture_m)
+        fixed = FixedSurface(grid, self.reference(name, grid), blur)
+        cloud = CloudOfReturns(around.points, around.sigma)
+        return self.items.result(match_returns, name, cloud, fixed, options=self.options)
 
     def aligned(self, name: str) -> Aligned | None:
         """Return heights of a mapola and SPC, matched without blur; None if they do not match."""

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
 from fusion.registration.fit import Registration
 from fusion.registration.returns import (
@@ -17,6 +16,7 @@ from fusion.registration.returns import (
     ScanFit,
     SurfaceNormalEquations,
 )
+from fusion.scene.geolocation import ReturnSource
 from fusion.stages.mapolas import compared_grids
 from fusion.surfacematch import Surface
 from spcola.grids import MapletGrid

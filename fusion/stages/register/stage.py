@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusion.geolocation import ReturnSource, return_paths
+from fusion.estimation.verdict import Verdict
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.fit import (
     FitOptions,
@@ -34,12 +34,13 @@ from fusion.registration.results import (
     with_old_keys,
 )
 from fusion.scene import surface_reference
+from fusion.scene.geolocation import ReturnSource, return_paths
+from fusion.stages.line_scans import line_scans_not_used
 from fusion.stages.register.acceptance import evidence_of, other_frames, unregistered, with_verdict
 from fusion.stages.register.imaging import imaged_mapolas, landmark_files
 from fusion.stages.register.matching import Matched, check_usable, match_mapolas
 from fusion.stages.register.scan_fits import ScanRegistration
 from fusion.surfacematch import Match
-from fusion.verdict import Verdict
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
@@ -81,7 +82,7 @@ class RegisterStage(Stage):
             paths += [*workspace.image_files(), *landmark_files(workspace)]
             paths += [workspace.shape_path()] if workspace.has_shape() and not shape else []
         elif table.landmarks != "ignore" and not shape:
-            paths += [workspace.image_path(name) for name in workspace.image_names()]
+            paths += workspace.state_files()
             paths += landmark_files(workspace)
         return paths
 
@@ -119,7 +120,10 @@ class RegisterStage(Stage):
             verdict = Verdict((*verdict.findings, *found))
         content = with_verdict(content, verdict)
         path = context.write_json(workspace.registration_path.name, with_old_keys(content))
-        return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
+        summary = {k: v for k, v in content.items() if k not in _LONG}
+        if table.by in ("images", "both") or table.landmarks != "ignore":
+            summary |= line_scans_not_used(workspace)
+        return StageResult((path,), summary)
 
 
 STAGE = RegisterStage()

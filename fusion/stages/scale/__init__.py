@@ -2,6 +2,7 @@
 
 from fusion.stages.scale.pairing import SampledPairs, sampled_pairs
 from fusion.stages.scale.rescaling import apply_scale
+from fusion.stages.scale.shots import scale_by_shots
 from fusion.stages.scale.stage import STAGE
 
-__all__ = ["STAGE", "SampledPairs", "apply_scale", "sampled_pairs"]
+__all__ = ["STAGE", "SampledPairs", "apply_scale", "sampled_pairs", "scale_by_shots"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
-from fusion.geolocation import geolocator
+from fusion.estimation.verdict import Cause
 from fusion.pipeline import StageContext
 from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
@@ -29,8 +29,8 @@ from fusion.scaling.pairs import (
     rematch,
 )
 from fusion.scene import maplets_around
+from fusion.scene.geolocation import geolocator
 from fusion.surfacematch import MatchOptions
-from fusion.verdict import Cause
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import ScaleSettings

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from fusion.estimation.verdict import Code, Verdict
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.solutions import MadeBy, free_name, making_solution, solution_files
 from fusion.runtime import Progress, json_value
-from fusion.verdict import Code, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import BodySettings
 from spcola.control import (
@@ -34,6 +34,7 @@ from spcola.formats.solution import (
     write_nominal,
     write_summary,
 )
+from spcola.formats.solution.line_scan import LINE_SCAN_SUFFIX, read_line_scan, write_line_scan
 
 # Decimals of a written shape, so that scaling it again loses nothing.
 _ICQ_DIGITS = 9
@@ -212,6 +213,10 @@ def _scale_maplet(source: Path, target: Path, factor: float) -> None:
     )
 
 
+def _scale_line_scan(source: Path, target: Path, factor: float) -> None:
+    write_line_scan(target, scaled(read_line_scan(source), factor))
+
+
 def _text_writer(
     read: Callable[[Path], Any], scaled: Callable[[Any, float], Any], write: Callable[..., None]
 ) -> Write:
@@ -234,5 +239,6 @@ _WRITERS: dict[tuple[str, str], Write] = {
     ("MAPFILES", ".MAP"): _scale_maplet,
     ("LMKFILES", ".LMK"): _text_writer(read_landmark, scaled, write_landmark),
     ("SUMFILES", ".SUM"): _text_writer(read_summary, scaled, write_summary),
+    ("SUMFILES", LINE_SCAN_SUFFIX): _scale_line_scan,
     ("NOMINALS", ".NOM"): _text_writer(read_nominal, scaled, write_nominal),
 }

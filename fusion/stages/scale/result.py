@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.scaling.fit import ScaleOptions
 from fusion.scaling.results import unobserved_json
-from fusion.verdict import Code, Finding, Severity
 from fusion.workspace.settings.processing import ScaleSettings
 
 

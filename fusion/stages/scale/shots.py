@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation import LocatedShots, geolocator, located_shots
+from fusion.estimation.verdict import Finding, Severity
 from fusion.pipeline import StageContext
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, TrajectorySource
 from fusion.scaling.geometry import LidarPlacement
@@ -34,9 +34,9 @@ from fusion.scaling.shots import (
     iterate_shots,
     join_shots,
 )
+from fusion.scene.geolocation import LocatedShots, geolocator, located_shots
 from fusion.stages.scale.pairing import state_shares
 from fusion.stages.scale.result import ScaleResult, scale_options, unobserved
-from fusion.verdict import Finding, Severity
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import ScaleSettings

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fusion.geolocation import return_paths
+from fusion.estimation.verdict import Verdict
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.scaling.judging import consistency, consistency_findings
+from fusion.scene.geolocation import return_paths
 from fusion.stages.ingest import readable_scans
 from fusion.stages.ingest.lidar_files import check_duplicates
+from fusion.stages.line_scans import line_scans_not_used, no_images
 from fusion.stages.scale.pairs import scale_by_pairs
 from fusion.stages.scale.shots import scale_by_shots
-from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
@@ -35,8 +36,8 @@ class ScaleStage(Stage):
         if not workspace.has_shape():
             return "there is no shape in SHAPEFILES to cast rays on"
         if settings.scale.method == "pairs":
-            if not workspace.image_names():
-                return "there are no images in SUMFILES to pair; use --method shots"
+            if lacking := no_images(workspace):
+                return f"{lacking} to pair; use --method shots"
             if not workspace.maplet_names():
                 return "there are no maplets in MAPFILES to pair; use --method shots"
         return ""
@@ -46,7 +47,7 @@ class ScaleStage(Stage):
         paths = [*return_paths(workspace, settings), workspace.shape_path()]
         if workspace.registration_path.is_file():
             paths += [workspace.registration_path, *workspace.mapola_paths()]
-        paths += [workspace.image_path(name) for name in workspace.image_names()]
+        paths += workspace.state_files()
         if settings.scale.method == "pairs":
             paths += workspace.maplet_files()
         return paths
@@ -69,6 +70,7 @@ class ScaleStage(Stage):
         content |= Verdict(tuple(findings)).as_json()
         path = context.write_json(workspace.scale_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
+        summary |= line_scans_not_used(workspace)
         return StageResult((path, *found.files), summary)
 
 

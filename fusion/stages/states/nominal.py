@@ -15,22 +15,24 @@ from fusion.runtime.folders import clear_abandoned_folders, make_folder
 from fusion.stages.states.source import (
     SourceOptions,
     SpiceSource,
-    solution_spin,
     spice_source,
+    stated_spin,
 )
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
-from spcola.camera import Camera, SpcImage
+from spcola.camera import SpcImage
+from spcola.camera.linescan import LineScanImage
 from spcola.errors import InvalidValueError, WorkspaceError
-from spcola.formats.cameras import read_cameras
 from spcola.formats.images.names import NamedImage, spc_names
 from spcola.formats.solution import (
     read_list,
-    read_summary,
     write_list,
     write_nominal,
     write_summary,
 )
+from spcola.formats.solution.any_camera import read_camera
+from spcola.formats.solution.exact_camera import camera_files
+from spcola.formats.solution.line_scan import write_line_scan
 from spcola.formats.states import Exposure, read_poses
 from spcola.navigation import NominalState, et_from_utc
 from spcola.navigation.states import (
@@ -186,11 +188,7 @@ def states_by_poses(
     KernelError
         If the PCK does not state the rotation.
     """
-    settings = workspace.settings()
-    spin = None
-    if pck is not None or settings.spin.rate_deg_per_day != 0.0:
-        chosen = SourceOptions(body=body or settings.spice.body)
-        spin = solution_spin(workspace, settings, chosen, pck)
+    spin = stated_spin(workspace, pck, body)
     return FoundStates(tuple(read_poses(path, columns=columns, spin=spin)))
 
 
@@ -221,8 +219,8 @@ def make_sumfiles(
     states = [options.applied(state) for state in found.states]
     for state in states:
         _check_new(workspace, state)
-    camera, thresholds = _camera(options.camera)
-    images = [state.as_image(camera, thresholds=thresholds) for state in states]
+    camera, thresholds = read_camera(options.camera)
+    images = [state.as_image(camera, thresholds=thresholds or (0, _BRIGHTEST)) for state in states]
     nominal: list[NominalState] = []
     if found.body_rates is not None:
         pairs = zip(states, found.body_rates, strict=True)
@@ -246,15 +244,21 @@ def compare_with_solution(workspace: Workspace, found: FoundStates) -> list[Stat
 
 
 def write_states(
-    workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState] = ()
+    workspace: Workspace,
+    images: Sequence[SpcImage],
+    nominal: Sequence[NominalState] = (),
+    scans: Sequence[LineScanImage] = (),
 ) -> None:
-    """Write .SUM and .NOM files into the solution of a workspace; a list of images is continued.
+    """Write states into the solution of a workspace; a list of images is continued.
+
+    .SUM and .NOM files, and the files of line scans, which SPC's list does not have.
 
     Parameters
     ----------
     workspace : Workspace
     images : sequence of SpcImage
     nominal : sequence of NominalState
+    scans : sequence of LineScanImage
 
     Raises
     ------
@@ -264,7 +268,7 @@ def write_states(
         If there is a file of an image with other content, or a file cannot be written; then none
         is.
     """
-    _write(workspace, images, nominal)
+    _write(workspace, images, nominal, scans)
     # A list that is not there means all images, and remains so.
     path = workspace.home / _PICTURES
     if path.is_file():
@@ -287,18 +291,6 @@ def _middle(exposure: Exposure, source: SpiceSource) -> float:
     return start + exposure.delay_s
 
 
-def _camera(path: Path) -> tuple[Camera, tuple[int, int]]:
-    """Return the camera in a .SUM file or a camera file, and the thresholds."""
-    if path.suffix.lower() != ".toml":
-        image = read_summary(path)
-        return image.camera, image.thresholds
-    cameras = read_cameras(path)
-    if len(cameras) > 1:
-        raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
-    (instrument,) = cameras.values()
-    return instrument.camera, (0, _BRIGHTEST)
-
-
 def _check_new(workspace: Workspace, state: ImageState) -> None:
     """Refuse a state whose files are there, or without the Sun, which a .SUM file needs."""
     for path in _paths(workspace, state.name):
@@ -314,7 +306,10 @@ def _check_new(workspace: Workspace, state: ImageState) -> None:
 
 
 def _write(
-    workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState]
+    workspace: Workspace,
+    images: Sequence[SpcImage],
+    nominal: Sequence[NominalState],
+    scans: Sequence[LineScanImage],
 ) -> None:
     """Write the files of all images; none, if one of them cannot be written."""
     clear_abandoned_folders(workspace.home / "sumfiles")
@@ -332,9 +327,16 @@ def _write(
             made.append((folder / target.name, target))
             with _at(target):
                 write_nominal(made[-1][0], state)
+        for scan in scans:
+            target = workspace.line_scan_path(scan.name)
+            made.append((folder / target.name, target))
+            with _at(target):
+                write_line_scan(made[-1][0], scan)
         for path, target in made:
             _check_same(path, target)
-        for path, target in made:
+        # Named by their content: one that is there is the same, unless it is damaged.
+        cameras = [(path, workspace.home / "SUMFILES" / path.name) for path in camera_files(folder)]
+        for path, target in [*cameras, *made]:
             make_folder(target.parent)
             path.replace(target)
     finally:

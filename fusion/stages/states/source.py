@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import spiceypy
 
-from fusion.geolocation import rotations
+from fusion.scene.geolocation import rotations
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import KernelError, SettingsError
@@ -144,6 +144,28 @@ def solution_spin(
             "give --pck with the PCK of the solution",
         )
     return spin_of(found[-1], chosen.body)
+
+
+def stated_spin(workspace: Workspace, pck: Path | None, body: int) -> Spin | None:
+    """Return the rotation for states along J2000: of the given PCK, else of [spin], else none.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    pck : Path, optional
+    body : int
+        NAIF number of the body in it; 0: that of [spice].
+
+    Raises
+    ------
+    KernelError
+        If the PCK does not state the rotation, or one with periodic terms.
+    """
+    settings = workspace.settings()
+    if pck is None and settings.spin.rate_deg_per_day == 0.0:
+        return None
+    chosen = SourceOptions(body=body or settings.spice.body)
+    return solution_spin(workspace, settings, chosen, pck)
 
 
 def number_of(spacecraft: str) -> int:

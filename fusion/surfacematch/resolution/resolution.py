@@ -22,6 +22,8 @@ from spcola.math.robust import mad
 _MIN_SUPPORT = 0.5
 # Robust standard deviations beyond which a difference is not noise.
 _OUTLYING = 3.0
+# Largest blur of the search, cells.
+_LARGEST_CELLS = 4.0
 
 
 def blur(height: FloatArray, sigma_cells: float, *, of_slopes: bool = True) -> FloatArray:
@@ -82,9 +84,7 @@ def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
     return ndimage.gaussian_filter(values, sigma_cells, mode="constant", truncate=4.0)
 
 
-def estimate_blur(
-    lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 4.0, of_slopes: bool = True
-) -> float:
+def estimate_blur(lidar: FloatArray, spc: FloatArray, *, of_slopes: bool = True) -> float:
     """Blur of `spc` relative to `lidar` (same grid, aligned), as a Gaussian's sigma in cells.
 
     The blur minimises the robust standard deviation of smoothed lidar minus SPC heights, over the
@@ -96,8 +96,6 @@ def estimate_blur(
     ----------
     lidar, spc : (R, C) ndarrays
         Heights, metres; NaN where unknown.
-    largest_cells : float
-        Largest blur of the search, cells.
     of_slopes : bool
         As of :func:`blur`.
 
@@ -108,13 +106,13 @@ def estimate_blur(
     """
     margin = np.isfinite(lidar) & np.isfinite(spc)
     lidar, spc = closed(lidar), closed(spc)
-    margin &= np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
+    margin &= np.isfinite(blur(lidar, _LARGEST_CELLS)) & np.isfinite(blur(spc, _LARGEST_CELLS))
     if margin.sum() < 100:
         return float("nan")
     smooth = partial(blur, of_slopes=of_slopes)
-    if _detail_ratio(lidar, spc, margin, largest_cells) < 1.0:
-        return _least(lidar, spc, margin, largest_cells, smooth)
-    return -_least(spc, lidar, margin, largest_cells, smooth)
+    if _detail_ratio(lidar, spc, margin, _LARGEST_CELLS) < 1.0:
+        return _least(lidar, spc, margin, _LARGEST_CELLS, smooth)
+    return -_least(spc, lidar, margin, _LARGEST_CELLS, smooth)
 
 
 def _detail_ratio(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest: float) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fusion.pipeline.solutions import lineage
 from fusion.truth.planted import Planted
-from fusion.workspace import IMPORTED, Workspace
-from fusion.workspace.solution_records import read_solution
+from fusion.workspace import Workspace
 
 
 def planted_in(planted: Planted, workspace: Workspace) -> Planted:
@@ -19,11 +19,15 @@ def planted_in(planted: Planted, workspace: Workspace) -> Planted:
     ----------
     planted : Planted
     workspace : Workspace
+
+    Raises
+    ------
+    WorkspaceError
+        If the solution, or one that it was made from, is gone or damaged.
     """
-    factor, name = 1.0, workspace.solution
-    while name != IMPORTED:
-        record = read_solution(workspace.root, name)
-        factor, name = factor * (1.0 + float(record.facts.get("epsilon", 0.0))), record.parent
+    factor = 1.0
+    for record in lineage(workspace):
+        factor *= 1.0 + float(record.facts.get("epsilon", 0.0))
     if factor == 1.0:
         return planted
     settings = planted.settings

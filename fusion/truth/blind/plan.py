@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.truth.blind.close_ups import close_ups
 from fusion.truth.blind.settings import BlindSettings
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
@@ -95,7 +96,7 @@ def plan_blind(settings: BlindSettings) -> BlindPlan:
     SettingsError
         If two images are taken at one time.
     """
-    stations = sorted(plan_stations(settings.campaign, settings.passes), key=lambda s: s.time)
+    stations = blind_stations(settings)
     times = np.array([station.time for station in stations])
     if (np.diff(times) < _LEAST_STEP).any():
         raise SettingsError(
@@ -120,6 +121,14 @@ def plan_blind(settings: BlindSettings) -> BlindPlan:
     images = tuple(map(BlindImage, truths, labels, states))
     sun = inertial_sun(spin, passes.sun(passes.epoch), passes.epoch)
     return BlindPlan(images, spin, _nominal(spin, settings, times), sun, clock)
+
+
+def blind_stations(settings: BlindSettings) -> list[Station]:
+    """Return the stations of all images, in order of time."""
+    stations = plan_stations(settings.campaign, settings.passes)
+    if settings.close_ups:
+        stations += close_ups(settings, stations)
+    return sorted(stations, key=lambda station: station.time)
 
 
 def _label(station: Station, settings: BlindSettings, clock: MissionClock) -> RawLabel:

@@ -16,9 +16,13 @@ from spcola.truth.body import BodySettings
 from spcola.truth.campaign import CampaignSettings, PassSettings
 from spcola.truth.imaging import ImageSettings
 from spcola.truth.raw_frames import DetectorSettings
-from spcola.truth.solid import RoughShapeSettings, SolidSettings
+from spcola.truth.solid import FineSite, RoughShapeSettings, SolidSettings
 
 Part = TypeVar("Part")
+# A smaller base, metres, is one in kilometres that was read as metres.
+_SMALLEST = 5.0
+# Latitude and longitude, degrees: the smooth site, and rough ground.
+_SITES = ((-10.0, 350.0), (-45.0, 280.0), (35.0, 65.0), (5.0, 120.0), (70.0, 200.0), (-5.0, 240.0))
 LIDAR, IMAGES, KERNELS, SHAPE, CALIBRATION = "lidar", "images", "kernels", "shape", "calibration"
 BLIND_PARTS = (LIDAR, IMAGES, KERNELS, SHAPE, CALIBRATION)
 """Folders of a blind mission."""
@@ -116,6 +120,9 @@ class BlindSettings(MissionSettings):
     rotation : RotationSettings
     rough : RoughShapeSettings
         The coarse shape.
+    close_ups : bool
+        Whether all frames of the complete detailed survey that show a fine site are taken, in
+        addition to the campaign.
     """
 
     solid: SolidSettings = field(default_factory=SolidSettings)
@@ -123,6 +130,7 @@ class BlindSettings(MissionSettings):
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     rotation: RotationSettings = field(default_factory=RotationSettings)
     rough: RoughShapeSettings = field(default_factory=RoughShapeSettings)
+    close_ups: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -144,8 +152,14 @@ class BlindSettings(MissionSettings):
         ------
         WorkspaceError, FormatError
             If the shape cannot be read.
+        SettingsError
+            If it is smaller than 5 m.
         """
         radius = round(base.mesh().mean_radius, 3)
+        if radius < _SMALLEST:
+            raise SettingsError(
+                f"has a mean radius of {radius:g} m", base.path, "state its unit with --base-unit"
+            )
         factor = radius / self.body.radius
         legs = tuple(
             replace(leg, ranges=(factor * leg.ranges[0], factor * leg.ranges[1]))
@@ -155,11 +169,12 @@ class BlindSettings(MissionSettings):
             self.solid, factor, "spacing", "smallest", "largest",
             "cliff_length", "cliff_height", "cliff_overhang",
         )  # fmt: skip
+        sites = tuple(_scaled(site, factor, "diameter", "spacing") for site in solid.sites)
         return replace(
             self,
             base=base,
             body=replace(self.body, radius=radius),
-            solid=solid,
+            solid=replace(solid, sites=sites),
             campaign=replace(self.campaign, legs=legs, radius=radius),
             passes=_scaled(self.passes, factor, "nearest", "farthest"),
             lidar=_scaled(self.lidar, factor, "width", "spacing"),
@@ -212,8 +227,8 @@ def blind_small(seed: int = 1) -> BlindSettings:
 
 
 def blind(seed: int = 1) -> BlindSettings:
-    """Return a blind mission to a body like Bennu: 375 images of 1024², thinned from 5,069."""
-    return _blind_of_bennu(seed, 45, 90, 240)
+    """Return a blind mission to a body like Bennu: 375 of 5,069 images of 1024², and close-ups."""
+    return replace(_blind_of_bennu(seed, 45, 90, 240), close_ups=True)
 
 
 def blind_full(seed: int = 1) -> BlindSettings:
@@ -227,8 +242,8 @@ def _blind_of_bennu(seed: int, approach: int, preliminary: int, detailed: int) -
     )
     return _blind(
         seed,
-        BodySettings(seed=seed),
-        SolidSettings(spacing=1.0),
+        BodySettings(seed=seed, shortest=0.06, smallest_rock=0.05),
+        SolidSettings(spacing=1.0, sites=tuple(FineSite(*place) for place in _SITES)),
         campaign,
         passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
         lidar=LidarSettings(width=100.0, spacing=0.1),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import reprlib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -61,9 +62,20 @@ class Settings(BaseModel):
         SettingsError
             If a key is unknown or a value is not allowed.
         """
+        return self.with_tables({table: changed}, "command line")
+
+    def with_tables(self, tables: Mapping[str, Mapping[str, Any]], where: str | Path) -> Settings:
+        """Return the settings with some keys of several tables replaced; errors name `where`.
+
+        Raises
+        ------
+        SettingsError
+            If a table or key is unknown or a value is not allowed.
+        """
         content = self.model_dump(by_alias=True)
-        content[table].update(changed)
-        return parse_settings(content, "command line")
+        for table, changed in tables.items():
+            content[table] = {**content.get(table, {}), **changed}
+        return parse_settings(content, where)
 
 
 def load_settings(path: str | Path) -> Settings:

@@ -8,7 +8,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fusion.runtime import json_text
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from fusion.runtime import content_digest, json_text, json_value
+from fusion.workspace.json_file import read_object
+from fusion.workspace.settings import problem_text
 from spcola import atomic
 from spcola.errors import WorkspaceError
 
@@ -18,6 +22,8 @@ SOLUTION_FOLDER = "solutions"
 SOLUTION_FILE = "solution.json"
 _IN_USE = "IN_USE"
 _LONGEST_NAME = 40
+_CHECKSUM = "checksum"
+_MEND = "bring it back from a copy, or remove the solution: spcola solution remove"
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,7 @@ class SolutionRecord:
         Of the program.
     constants : mapping of str to mapping
         What it changed of the settings, by table: body constants such as radius, pole and spin.
+        :meth:`fusion.workspace.Workspace.settings` checks them.
     facts : mapping
         Numbers of the change, such as the scale factor, in JSON types.
     digests : mapping of str to str
@@ -61,6 +68,12 @@ class SolutionRecord:
         return asdict(self)
 
 
+# As an item of a tuple: a dataclass of its own takes no configuration.
+_CHECK: TypeAdapter[tuple[SolutionRecord]] = TypeAdapter(
+    tuple[SolutionRecord], config=ConfigDict(extra="forbid", strict=True)
+)
+
+
 def check_name(name: str) -> None:
     """Check the name of a solution to be made.
 
@@ -69,14 +82,19 @@ def check_name(name: str) -> None:
     WorkspaceError
         If it has other characters than letters, digits, ``-``, ``_`` and ``.``, or is taken.
     """
-    plain = name.isascii() and name.replace("-", "").replace("_", "").replace(".", "").isalnum()
-    if not (plain and name[0].isalnum() and len(name) <= _LONGEST_NAME):
+    if not _is_name(name):
         raise WorkspaceError(
             f"{name!r} is no name for a solution",
             do=f"use at most {_LONGEST_NAME} letters, digits, '-', '_' and '.'",
         )
-    if name in (IMPORTED, _IN_USE, "all"):
+    # Some file systems do not distinguish capitals.
+    if name.lower() in (IMPORTED, _IN_USE.lower(), "all"):
         raise WorkspaceError(f"{name!r} is taken", do="choose another name for the solution")
+
+
+def _is_name(name: str) -> bool:
+    plain = name.isascii() and name.replace("-", "").replace("_", "").replace(".", "").isalnum()
+    return plain and name[0].isalnum() and len(name) <= _LONGEST_NAME
 
 
 def solution_folder(root: Path, name: str) -> Path:
@@ -103,9 +121,7 @@ def name_in_use(root: Path) -> str:
 
 def write_name_in_use(root: Path, name: str) -> None:
     """Let the workspace `root` use the solution `name` from now on."""
-    folder = root / SOLUTION_FOLDER
-    folder.mkdir(exist_ok=True)
-    atomic.write_text(folder / _IN_USE, f"{name}\n")
+    atomic.write_text(root / SOLUTION_FOLDER / _IN_USE, f"{name}\n")
 
 
 def read_solution(root: Path, name: str) -> SolutionRecord:
@@ -118,32 +134,60 @@ def read_solution(root: Path, name: str) -> SolutionRecord:
     """
     if name == IMPORTED:
         return SolutionRecord(IMPORTED)
-    path = solution_folder(root, name) / SOLUTION_FILE
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        record = SolutionRecord(**content)
-        known = record.name == name and all(
-            isinstance(each, Mapping)
-            for each in (record.constants, record.effort, *record.constants.values())
-        )
-    except FileNotFoundError as error:
-        there = ", ".join([IMPORTED, *derived_names(root)])
+    names = derived_names(root)
+    if name not in names:
+        there = ", ".join([IMPORTED, *names])
         raise WorkspaceError(
-            f"there is no solution {name!r}", root, f"there are: {there}"
-        ) from error
-    except (OSError, ValueError, TypeError, RecursionError) as error:
-        raise WorkspaceError(f"cannot be read ({error})", path) from error
-    if not known:
-        raise WorkspaceError("is not the record of this solution", path)
+            f"there is no solution {name!r}", root,
+            f"there are: {there}; choose one: spcola solution use, or --solution",
+        )  # fmt: skip
+    folder = solution_folder(root, name)
+    record = read_record(folder)
+    if record.name != name:
+        raise WorkspaceError(
+            f"is the record of the solution {record.name!r}", folder / SOLUTION_FILE, _MEND
+        )
     return record
 
 
-def write_solution(folder: Path, record: SolutionRecord) -> None:
-    """Write the record of a solution into its folder."""
-    atomic.write_text(folder / SOLUTION_FILE, json_text(record.as_json()))
+def read_record(folder: Path) -> SolutionRecord:
+    """Read the record in the folder of a solution, or in one that was exported.
+
+    Raises
+    ------
+    WorkspaceError
+        If it cannot be read or is damaged.
+    """
+    path = folder / SOLUTION_FILE
+    content = read_object(path, _MEND)
+    checksum = content.pop(_CHECKSUM, "")
+    if checksum != content_digest(content):
+        raise WorkspaceError("fails its checksum: it was damaged or edited", path, _MEND)
+    try:
+        (record,) = _CHECK.validate_json(json.dumps([content]))
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        place = " ".join([f"{path}:", *(str(part) for part in problem["loc"][1:])])
+        raise WorkspaceError(problem_text(problem), place, _MEND) from error
+    return record
+
+
+def write_record(folder: Path, record: SolutionRecord) -> None:
+    """Write the record of a solution, with a checksum, into its folder."""
+    content = json_value(record.as_json())
+    checksum = content_digest(content)
+    atomic.write_text(folder / SOLUTION_FILE, json_text({**content, _CHECKSUM: checksum}))
 
 
 def derived_names(root: Path) -> list[str]:
     """Return the names of all solutions in the workspace `root` but the imported one, sorted."""
-    folder = root / SOLUTION_FOLDER
-    return sorted(path.parent.name for path in folder.glob(f"[!.]*/{SOLUTION_FILE}"))
+    try:
+        entries = [*(root / SOLUTION_FOLDER).iterdir()]
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise WorkspaceError(
+            f"cannot be listed ({error.strerror})", root / SOLUTION_FOLDER
+        ) from error
+    names = sorted(path.name for path in entries if path.is_dir() and _is_name(path.name))
+    return [name for name in names if name != IMPORTED]

@@ -13,7 +13,7 @@ from lidar.formats.records.binary import check_whole, mapped_chunks, probed
 from lidar.formats.records.options import LidarOptions
 from lidar.formats.records.rows import RowLayout, first_lines, flags_of, mostly, read_rows
 from lidar.formats.records.screening import Agreement, Records, Screen, cartesian, spherical_of
-from lidar.formats.records.times import times_differ
+from lidar.formats.records.times import dynamical_times, times_differ
 from lidar.scans import Scan
 from spcola.errors import FormatError
 
@@ -90,7 +90,7 @@ def _read_text(path: Path, options: LidarOptions, *, skip: int) -> Iterator[Scan
                 points=cartesian(spherical_of(lon, lat, _KM * radius)),
                 spacecraft=cartesian(spherical_of(sclon, sclat, _KM * scradius)),
                 range=_KM * measured,
-                time=time,
+                time=dynamical_times(time, rows.texts[0]),
                 flag=flag,
                 refused={
                     "missing": (radius < 0) | (measured < 0),

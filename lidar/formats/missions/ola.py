@@ -18,7 +18,7 @@ from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.atomic import replacing
 from spcola.compilation import compiled
 from spcola.errors import FormatError
-from spcola.navigation import utc_from_et
+from spcola.navigation import iso_utc
 
 OLA_RECORD = np.dtype(
     [
@@ -45,7 +45,6 @@ OLA_RECORD = np.dtype(
 )
 """The 23 fields of a record (x, y, z and scx, scy, scz are each one triple here)."""
 
-_MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 _OLD_SIZE = 144
 _DEGREE = np.pi / 180.0
 _TIME_TEXT = re.compile(rb"\d{4}[- ]\w{2,3}[-T ]\d{2}")
@@ -248,7 +247,7 @@ def _utc_texts(time: FloatArray) -> AnyArray:
     known = np.isfinite(time)
     if known.any():
         first = float(time[known].min())
-        start = np.datetime64(_iso(utc_from_et(first, 6)), "us").astype(np.int64)
+        start = np.datetime64(iso_utc(first), "us").astype(np.int64)
         elapsed = np.round((time[known] - first) * 1e6).astype(np.int64)
         second, part = np.divmod((start + elapsed) // 1000, 1000)
         # The texts of seconds and of thousandths are made once each, and joined as bytes.
@@ -268,8 +267,3 @@ def _characters(texts: AnyArray) -> AnyArray:
 
 
 _MILLISECONDS = _characters(np.array([b".%03d" % part for part in range(1000)]))
-
-
-def _iso(calendar: str) -> str:
-    year, month, day, clock = calendar.split()
-    return f"{year}-{_MONTHS.index(month) // 3 + 1:02d}-{day}T{clock}"

@@ -13,6 +13,9 @@ from spcola.navigation import et_from_utc, et_from_utcs
 _TIME = re.compile(r"(19|20|21)\d\d-(\d{2}-\d{2}|\d{3})T\d{2}:\d{2}:\d{2}(\.\d*)?Z?")
 # UTC may be rounded to a second; the ephemeris time is what is used.
 _SAME_TIME_S = 1.5
+# TDB less terrestrial time, at most, and what rounding adds.
+_MOST_TDB_S = 2e-3
+_MICROSECONDS = re.compile(r"\.\d{6,}Z?$")
 _FEW = 100
 _EVEN_SPAN_S = 2 * 86400.0
 _LEAP_S = 0.5
@@ -68,6 +71,17 @@ def _time_or_nan(text: str) -> float:
         return et_from_utc(text)
     except FormatError:
         return float("nan")
+
+
+def dynamical_times(et: FloatArray, utcs: list[str]) -> FloatArray:
+    """Return ephemeris times (N,), s, from UTC texts that have microseconds; else those given.
+
+    Tables give terrestrial time (UTC and leap seconds alone) as ephemeris time: TDB differs by up
+    to 1.7 ms over the year, in which an orbiter of the Moon moves by 2.7 m.
+    """
+    precise = np.array([_MICROSECONDS.search(text) is not None for text in utcs], dtype=np.bool_)
+    times = times_of(utcs)
+    return np.where(precise & (np.abs(times - et) < _MOST_TDB_S), times, et)
 
 
 def times_differ(et: FloatArray, utcs: list[str]) -> BoolArray:

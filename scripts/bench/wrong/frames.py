@@ -28,9 +28,9 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from fusion.geolocation import located_store
 from fusion.registration.search import search_frames
 from fusion.registration.search.orientations import apart_deg
+from fusion.scene.geolocation import located_store
 from fusion.stages.register.frame_search import surface_points
 from fusion.workspace import Workspace
 from spcola.formats.shapes import read_shape

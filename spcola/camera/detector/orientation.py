@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
 from spcola.arrays import AnyArray
 from spcola.errors import InvalidValueError
 
@@ -93,31 +91,6 @@ class Orientation:
         vertical, horizontal = self._axes()
         pixels = shown[_step(vertical is Direction.UP), _step(horizontal is Direction.LEFT)]
         return pixels.T if self.transposed else pixels
-
-    def shown_at(
-        self, sample: AnyArray, line: AnyArray, width: int, height: int
-    ) -> tuple[AnyArray, AnyArray]:
-        """Return where the display shows positions of the file.
-
-        Parameters
-        ----------
-        sample, line : ndarray
-            Positions in the file; (1, 1) is the centre of the first pixel.
-        width, height : int
-            Samples and lines of the file.
-
-        Returns
-        -------
-        column, row : ndarray
-            Positions on the display, counted in the same way.
-        """
-        along_line = np.asarray(line if not self.transposed else sample)
-        along_sample = np.asarray(sample if not self.transposed else line)
-        rows, columns = (width, height) if self.transposed else (height, width)
-        vertical, horizontal = self._axes()
-        row = rows + 1 - along_line if vertical is Direction.UP else along_line
-        column = columns + 1 - along_sample if horizontal is Direction.LEFT else along_sample
-        return column, row
 
     def _axes(self) -> tuple[Direction, Direction]:
         """Return the vertical and the horizontal direction."""

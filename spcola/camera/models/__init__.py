@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from spcola.camera.models.apollo import HASSELBLAD
+from spcola.camera.models.apollo import HASSELBLAD, turned_metric_camera
 from spcola.camera.models.brown import BROWN
 from spcola.camera.models.model import DistortionForm
 from spcola.camera.models.owen import OWEN
@@ -26,4 +26,4 @@ MODELS: Mapping[str, DistortionForm] = MappingProxyType(
 )
 """All models by the names that `Camera.distortion_model` takes."""
 
-__all__ = ["MODELS", "DistortionForm"]
+__all__ = ["MODELS", "DistortionForm", "turned_metric_camera"]

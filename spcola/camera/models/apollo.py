@@ -29,4 +29,26 @@ def _hasselblad(a: FloatArray, x: FloatArray, y: FloatArray, focal_mm: float) ->
     return u * factor - across * sine - x0, v * factor + across * cosine - y0, slopes
 
 
+def turned_metric_camera(
+    principal: FloatArray, radial: FloatArray, decentring: FloatArray
+) -> FloatArray:
+    """Return the coefficients (8,) of Apollo's metric camera with its axes turned about x.
+
+    Its focal plane lies behind the pupil in ISIS. With y and z turned, y0 changes its sign, and t
+    becomes π − t.
+
+    Parameters
+    ----------
+    principal : (2,) ndarray
+        PP of its kernel.
+    radial : (3,) ndarray
+        OD_K.
+    decentring : (3,) ndarray
+        DECENTER.
+    """
+    x0, y0 = principal
+    j1, j2, angle = decentring
+    return np.array([x0, -y0, *radial, j1, j2, np.pi - angle])
+
+
 HASSELBLAD = DistortionForm((8,), _hasselblad, corrects=True)

@@ -64,9 +64,11 @@ class StarPositions:
         return len(self.pixel)
 
 
-def find_stars(
-    pixels: AnyArray, *, threshold: float = 6.0, saturation: float = np.inf
-) -> StarPositions:
+# Least height of the smoothed image above the background, in its standard deviations.
+_THRESHOLD = 6.0
+
+
+def find_stars(pixels: AnyArray, *, saturation: float = np.inf) -> StarPositions:
     """Find stars in an image and fit each by a Gaussian integrated over pixels.
 
     Amplitude, place, width and background of each are fitted to 7 × 7 pixels. The covariance is
@@ -77,8 +79,6 @@ def find_stars(
     ----------
     pixels : (H, W) ndarray
         Brightness; NaN where unknown.
-    threshold : float
-        Least height of the smoothed image above the background, in its standard deviations.
     saturation : float
         Brightness from which on a pixel is saturated; such stars are left out.
 
@@ -95,7 +95,7 @@ def find_stars(
     background, noise = _background(image[np.isfinite(image)])
     if not noise > 0:
         raise InvalidValueError("has the same brightness nearly everywhere", "image")
-    rows, columns = _peaks(np.nan_to_num(image, nan=background) - background, noise, threshold)
+    rows, columns = _peaks(np.nan_to_num(image, nan=background) - background, noise)
     offsets = np.arange(-_HALF, _HALF + 1)
     windows = image[rows[:, None, None] + offsets[:, None], columns[:, None, None] + offsets]
     good = np.all(np.isfinite(windows) & (windows < saturation), axis=(1, 2))
@@ -129,10 +129,10 @@ def _background(values: FloatArray) -> tuple[float, float]:
     return level, float(np.std(kept)) / 0.9866
 
 
-def _peaks(image: FloatArray, noise: float, threshold: float) -> tuple[AnyArray, AnyArray]:
+def _peaks(image: FloatArray, noise: float) -> tuple[AnyArray, AnyArray]:
     """Return rows and columns of maxima of the smoothed image, away from its edges."""
     smooth = gaussian_filter(image, 1.0)
-    peak = (smooth == maximum_filter(smooth, 5)) & (smooth > threshold * _SMOOTHED_NOISE * noise)
+    peak = (smooth == maximum_filter(smooth, 5)) & (smooth > _THRESHOLD * _SMOOTHED_NOISE * noise)
     rows, columns = np.nonzero(peak)
     inside = (np.minimum(rows, columns) >= _HALF) & (rows < image.shape[0] - _HALF)
     inside &= columns < image.shape[1] - _HALF

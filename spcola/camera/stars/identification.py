@@ -83,37 +83,48 @@ def identify(
     measured = np.column_stack([stars.pixel, stars.line])
     directions = sky.directions
     near = _in_field(camera, axes, directions, search_px)
-    brightest = np.argsort(sky.magnitudes[near], kind="stable")
-    near = near[brightest[: _CANDIDATES * max(len(measured), _FEWEST)]]
-    if len(measured) < _FEWEST or len(near) < _FEWEST:
-        raise NotObservableError(
-            f"{len(measured)} stars measured, {len(near)} of the catalogue in the field: three at "
-            "least are needed",
-            where="star identification",
-        )
+    near = _brightest(sky, near, _CANDIDATES * max(len(measured), _FEWEST))
+    if min(len(measured), len(near)) < _FEWEST:
+        counts = f"{len(measured)} stars measured, {len(near)} of the catalogue in the field"
+        raise _unidentified(f"{counts}: three at least are needed")
     turned = _shifted(camera, axes, measured, directions[near], (search_px, match_px))
     pairs = np.zeros((0, 2), dtype=int)
     for number in range(_ROUNDS):
         predicted = np.column_stack(project_vectors(camera, directions[near] @ turned.T))
         tolerance = match_px * max(1.0, 2.0 - 0.5 * number)
-        new = _mutual(measured, predicted, tolerance)
-        if len(new) < _FEWEST:
-            raise NotObservableError(
-                f"{len(new)} stars agree within {tolerance:g} pixels: three at least are needed",
-                where="star identification",
-            )
+        new = _agreeing(measured, predicted, tolerance)
         if number > 2 and np.array_equal(new, pairs):
             break
         pairs = new
         turned = _turned(camera, turned, measured[pairs[:, 0]], directions[near[pairs[:, 1]]])
     chance = _chance(camera, len(measured), len(near), len(pairs), (search_px, match_px))
     if chance > _MOST_CHANCE:
-        raise NotObservableError(
+        raise _unidentified(
             f"{len(pairs)} of {len(measured)} stars agree with the catalogue, as may happen by "
-            f"chance ({chance:.1g})",
-            where="star identification",
+            f"chance ({chance:.1g})"
         )
     return Identified(pairs[:, 0], near[pairs[:, 1]], turned, chance)
+
+
+def _agreeing(measured: FloatArray, predicted: FloatArray, tolerance: float) -> IntArray:
+    """Return the pairs (N, 2) of stars that are one another's nearest, at least three."""
+    pairs = _mutual(measured, predicted, tolerance)
+    if len(pairs) < _FEWEST:
+        raise _unidentified(
+            f"{len(pairs)} stars agree within {tolerance:g} pixels: three at least are needed"
+        )
+    return pairs
+
+
+def _brightest(sky: StarCatalogue, near: IntArray, count: int) -> IntArray:
+    """Return the places (N,) of the brightest stars of those near, at most `count`."""
+    order = np.argsort(sky.magnitudes[near], kind="stable")
+    chosen: IntArray = near[order[:count]]
+    return chosen
+
+
+def _unidentified(what: str) -> NotObservableError:
+    return NotObservableError(what, where="star identification")
 
 
 def _in_field(camera: Camera, axes: FloatArray, directions: FloatArray, margin: float) -> IntArray:

@@ -53,7 +53,17 @@ def read_cameras(path: str | Path) -> dict[str, Instrument]:
     FormatError
         If the file is no TOML, has no camera, or a field is missing, unknown or unusable.
     """
-    fields = Fields.read_toml(path)
+    return cameras_in(Fields.read_toml(path))
+
+
+def cameras_in(fields: Fields) -> dict[str, Instrument]:
+    """Return the instruments in the `fields` of a camera file, by their names.
+
+    Raises
+    ------
+    FormatError
+        As :func:`read_cameras`.
+    """
     found = {}
     for name, table in fields.content.items():
         if not isinstance(table, Mapping):
@@ -65,7 +75,7 @@ def read_cameras(path: str | Path) -> dict[str, Instrument]:
         with as_format_error(fields.where(name)):
             found[name] = _instrument(Fields(fields.path, table), name)
     if not found:
-        raise FormatError("has no camera", path)
+        raise FormatError("has no camera", fields.path)
     return found
 
 
@@ -86,10 +96,18 @@ def write_cameras(
     WorkspaceError
         If it cannot be written.
     """
+    atomic.write_text(path, camera_text(instruments, remarks=remarks))
+
+
+def camera_text(instruments: Iterable[Instrument], *, remarks: Iterable[str] = ()) -> str:
+    """Return the text of a camera file of `instruments`, as :func:`write_cameras` writes it.
+
+    `remarks` are comments at its top.
+    """
     lines = [f"# {' '.join(remark.split())}" for remark in remarks]
     for one in instruments:
         lines += ["", *_lines(one)]
-    atomic.write_text(path, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def _instrument(fields: Fields, name: str) -> Instrument:

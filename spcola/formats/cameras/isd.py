@@ -17,6 +17,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.camera import Camera, DistortionModel
 from spcola.camera.linescan import LineScan
+from spcola.camera.models import turned_metric_camera
 from spcola.errors import FormatError
 from spcola.formats.states.isd import isd_states
 from spcola.formats.text.fields import Fields
@@ -192,18 +193,17 @@ def _distortion(fields: Fields) -> tuple[DistortionModel, FloatArray, bool]:
 
 
 def _apollo(fields: Fields) -> FloatArray | None:
-    """Return the distortion of Apollo's metric camera (8,) from the kernel's keywords, if any.
-
-    With y and z turned: y0 changes its sign, and t becomes π − t.
-    """
+    """Return the distortion of Apollo's metric camera (8,) from the kernel's keywords, if any."""
     keywords = fields.get("naif_keywords")
     names = [name for name in keywords or () if name.endswith("_DECENTER")]
     if not names:
         return None
     head = f"naif_keywords.{names[0].removesuffix('_DECENTER')}"
-    x0, y0 = fields.vector(f"{head}_PP", 2)
-    j1, j2, angle = fields.vector(f"{head}_DECENTER", 3)
-    return np.array([x0, -y0, *fields.vector(f"{head}_OD_K", 3), j1, j2, np.pi - angle])
+    return turned_metric_camera(
+        fields.vector(f"{head}_PP", 2),
+        fields.vector(f"{head}_OD_K", 3),
+        fields.vector(f"{head}_DECENTER", 3),
+    )
 
 
 def _line_times(fields: Fields) -> FloatArray:
@@ -229,7 +229,4 @@ def _states(
     """Return positions (N, 3), m, and ISIS's axes (N, 3, 3), body-fixed, at times (N,)."""
     tables = isd_states(fields)
     with as_format_error():
-        body = tables.body.at(times)
-        instrument = tables.pointing.at(times, method=pointing)
-        positions = np.einsum("nij,nj->ni", body, tables.position.at(times)[0])
-    return positions, instrument @ np.swapaxes(body, -1, -2)
+        return tables.along(times, method=pointing)

@@ -13,6 +13,8 @@ from spcola.errors import FormatError, SpcolaError
 from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import read_bytes, regular_size
 
+__all__ = ["LONGEST_LABEL", "group", "read_gdal_label", "reading_raster"]
+
 LabelFormat = Literal["ISIS3", "PDS"]
 
 _END = re.compile(rb"^[ \t]*END[ \t]*(?:\r|\n|\0|$)", re.IGNORECASE | re.MULTILINE)
@@ -94,7 +96,7 @@ def read_gdal_label(path: str | Path, driver: LabelFormat) -> dict[str, Any]:
 
 
 def group(label: Mapping[str, Any], *names: str) -> dict[str, Any]:
-    """Return the group at `names`, one in the other; an empty one if it is absent."""
+    """Return the group of a `label` at `names`, one in the other; an empty one if it is absent."""
     found: Any = label
     for name in names:
         found = found.get(name) if isinstance(found, Mapping) else None

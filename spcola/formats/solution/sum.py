@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,15 @@ import numpy as np
 from spcola import atomic
 from spcola.arrays import FloatArray, check_axes
 from spcola.camera import Camera, SpcImage
-from spcola.errors import FormatError, InvalidValueError
+from spcola.errors import FormatError
+from spcola.formats.solution.exact_camera import (
+    DISTORTION_DIGITS,
+    K_DECIMALS,
+    exact_camera,
+    split_camera_line,
+    stored_camera,
+    write_exact_camera,
+)
 from spcola.formats.solution.sections import (
     END,
     point_line,
@@ -37,7 +46,9 @@ def read_summary(path: str | Path) -> SpcImage:
     """Read the .SUM file at `path`.
 
     The sections LANDMARKS and LIMB FITS may be absent; the line ``END FILE`` may not. The older
-    ``SIGPXL`` instead of ``DISTORTION`` is ignored: such a camera has no distortion.
+    ``SIGPXL`` instead of ``DISTORTION`` is ignored: such a camera has no distortion. Where Owen's
+    distortion is only a fit to the camera's, the camera is that of the camera file next to it
+    (:mod:`spcola.formats.solution.exact_camera`).
 
     Returns
     -------
@@ -48,9 +59,11 @@ def read_summary(path: str | Path) -> SpcImage:
     ------
     FormatError
         If a line is missing or has unexpected content, a direction is no unit vector, the
-        spacecraft is further than 1e7 km, or the image is of a line-scan camera.
+        spacecraft is further than 1e7 km, the image is of a line-scan camera, or the file with its
+        exact camera is missing or damaged.
     """
     cursor = LineCursor(path)
+    cursor.lines, camera_file = split_camera_line(cursor.lines)
     name = read_image_name(cursor)
     utc = _read_utc(cursor)
     width, height, thresholds = _read_size(cursor)
@@ -65,6 +78,7 @@ def read_summary(path: str | Path) -> SpcImage:
         camera = Camera(
             float(optics[0]), optics[1:], k_matrix, width, height, distortion=distortion
         )
+    camera = exact_camera(cursor.path, camera, camera_file)
     sigmas = (cursor.next_sigma("SIGMA_VSO", "SIG_VSO"), cursor.next_sigma("SIGMA_PTG", "SIG_PTG"))
     seen = read_sections(
         cursor,
@@ -93,7 +107,9 @@ def read_summary(path: str | Path) -> SpcImage:
 def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None = None) -> None:
     """Write a .SUM file (the pixels go into a .DAT file, :mod:`spcola.formats.images.dat`).
 
-    An unknown sigma is written as −1, which SPC interprets as a weak prior.
+    An unknown sigma is written as −1, which SPC interprets as a weak prior. A camera whose
+    distortion is not Owen's is fitted, and written next to it
+    (:mod:`spcola.formats.solution.exact_camera`).
 
     Parameters
     ----------
@@ -107,13 +123,17 @@ def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None 
     Raises
     ------
     InvalidValueError
-        If a name is too long for SPC, the camera's distortion is not four numbers of Owen's
-        model, or a number does not fit its columns.
+        If a name is too long for SPC, the camera's distortion folds over on its detector, or a
+        number does not fit its columns.
     WorkspaceError
         If the file cannot be written.
     """
     check_name(image.name, "image", path)
-    atomic.write_text(path, in_layout_of("".join(_lines(image)), like))
+    stored = stored_camera(image.camera)
+    text = "".join([*_lines(replace(image, camera=stored.fitted, pixels=None)), stored.line])
+    text = in_layout_of(text, like)
+    write_exact_camera(Path(path), stored, None if like is None else Path(like))
+    atomic.write_text(path, text)
 
 
 def labelled(text: str, label: str) -> str:
@@ -191,15 +211,8 @@ def _read_distortion(cursor: LineCursor) -> FloatArray:
 def _lines(image: SpcImage) -> list[str]:
     """Return the lines of the file of `image`."""
     camera = image.camera
-    if camera.distortion_model != "owen" or len(camera.distortion) not in (0, 4):
-        raise InvalidValueError(
-            f"a .SUM file holds 4 coefficients of Owen's distortion model, not "
-            f"{len(camera.distortion)} of {camera.distortion_model}",
-            image.name,
-        )
-    distortion = camera.distortion if len(camera.distortion) else np.zeros(4)
     low, high = image.thresholds
-    k_matrix = "".join(format_fixed(float(k), 10, 4) for k in camera.k_matrix.ravel())
+    k_matrix = "".join(format_fixed(float(k), 10, K_DECIMALS) for k in camera.k_matrix.ravel())
     return [
         f"{image.name}\n",
         f"{image.utc}\n",
@@ -209,7 +222,10 @@ def _lines(image: SpcImage) -> list[str]:
         *(vector_line(image.axes[row], label) for row, label in enumerate(("CX", "CY", "CZ"))),
         vector_line(image.sun, "SZ"),
         labelled(k_matrix, "K-MATRIX"),
-        labelled("".join(format_d(float(d), 15, 5) for d in distortion), "DISTORTION"),
+        labelled(
+            "".join(format_d(float(d), 15, DISTORTION_DIGITS) for d in camera.distortion),
+            "DISTORTION",
+        ),
         vector_line(image.scobj_sigma / KM, "SIGMA_VSO"),
         vector_line(image.pointing_sigma, "SIGMA_PTG"),
         "LANDMARKS\n",

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.formats.text.source import read_bytes
+from spcola.formats.text import parse_number, read_words
 from spcola.navigation import et_from_utc
 
 NAMES = ("image", "name", "file", "picture")
@@ -28,7 +26,7 @@ class Row:
 
     def text(self, names: Sequence[str]) -> str | None:
         """Return the word of the first of some columns; None if there is none of them."""
-        return next((self.words[name].strip() for name in names if name in self.words), None)
+        return next((self.words[name] for name in names if name in self.words), None)
 
     def numbers(self, names: Sequence[str]) -> FloatArray | None:
         """Return the numbers of columns; None if none of them is there."""
@@ -38,25 +36,27 @@ class Row:
         if missing:
             raise FormatError(f"has no column {missing[0]}", self.place, "complete the table")
         try:
-            values = np.array([float(self.words[name]) for name in names])
+            return np.array([parse_number(self.words[name]) for name in names])
         except ValueError as error:
             raise FormatError(f"{error}", self.place) from error
-        if not np.isfinite(values).all():
-            raise FormatError(f"{names[0]} … holds a value that is not finite", self.place)
-        return values
 
-    def time(self, utc: Sequence[str]) -> float | None:
-        """Return the ephemeris time, s, of the column ``et`` or of UTC; None if there is none."""
+    def time(self) -> float | None:
+        """Return the ephemeris time, s: column ``et``, ``utc`` or ``time``; None without them."""
         seconds = self.numbers(("et",))
         if seconds is not None:
             return float(seconds[0])
-        text = self.text(utc)
+        text = self.text(("utc", "time"))
         if text is None:
             return None
         try:
             return et_from_utc(text)
         except FormatError as error:
             raise FormatError(error.what, self.place) from error
+
+    def time_or_nan(self) -> float:
+        """Return the ephemeris time, s; NaN if there is none."""
+        time = self.time()
+        return float("nan") if time is None else time
 
 
 def image_rows(path: str | Path, columns: Mapping[str, str]) -> dict[str, Row]:
@@ -74,54 +74,23 @@ def image_rows(path: str | Path, columns: Mapping[str, str]) -> dict[str, Row]:
         If the table has no image, a line has too many or few words or names no image, or an image
         appears twice.
     """
-    header, lines = _read(Path(path), columns)
-    found: dict[str, Row] = {}
-    for number, words in lines:
-        row = Row(f"{path}, line {number}", dict(zip(header, words, strict=True)))
-        name = row.text(NAMES)
-        if not name:
-            raise FormatError("names no image", row.place, f"name a column {NAMES[0]}")
-        if name in found:
-            raise FormatError(f"{name} appears twice", row.place, "remove one line")
-        found[name] = row
-    if not found:
-        raise FormatError("holds no image", path, "give a table with a line for each image")
-    return found
-
-
-def _read(
-    path: Path, columns: Mapping[str, str]
-) -> tuple[list[str], list[tuple[int, Sequence[str]]]]:
-    """Return the names of the columns, and number and words of each line."""
-    lines = read_bytes(path).decode("utf-8-sig", "backslashreplace").splitlines()
-    delimiter = max(",;\t", key=lines[0].count)
-    reader = csv.reader(lines, delimiter=delimiter)
-    given = [name.strip() for name in next(_words(reader, path))]
+    table = read_words(path)
     for wanted, name in columns.items():
-        if name not in given:
+        if name not in table.names:
             raise FormatError(
-                f"has no column {name!r} for {wanted}", path, f"it has {', '.join(given)}"
+                f"has no column {name!r} for {wanted}", path, f"it has {', '.join(table.names)}"
             )
     renamed = {name: wanted for wanted, name in columns.items()}
-    header = [renamed.get(name, name).lower() for name in given]
+    header = [renamed.get(name, name).lower() for name in table.names]
     if len(set(header)) < len(header):
         raise FormatError("has two columns of one name", path, "rename one")
-    rows: list[tuple[int, Sequence[str]]] = []
-    for words in _words(reader, path):
-        if not any(word.strip() for word in words):
-            continue
-        if len(words) != len(header):
-            raise FormatError(
-                f"has {len(words)} values for {len(header)} columns",
-                f"{path}, line {reader.line_num}",
-            )
-        rows.append((reader.line_num, words))
-    return header, rows
-
-
-def _words(reader: Any, path: Path) -> Iterator[list[str]]:
-    """Yield the words of each line of a reader of the module `csv`."""
-    try:
-        yield from reader
-    except csv.Error as error:
-        raise FormatError(f"is no table ({error})", f"{path}, line {reader.line_num}") from error
+    found: dict[str, Row] = {}
+    for number, words in zip(table.lines, table.rows, strict=True):
+        row = Row(f"{path}, line {number}", dict(zip(header, words, strict=True)))
+        image = row.text(NAMES)
+        if not image:
+            raise FormatError("names no image", row.place, f"name a column {NAMES[0]}")
+        if image in found:
+            raise FormatError(f"{image} appears twice", row.place, "remove one line")
+        found[image] = row
+    return found

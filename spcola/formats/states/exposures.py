@@ -8,7 +8,6 @@ the start of the exposure, without them its middle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from spcola.errors import FormatError
 from spcola.formats.images.open_image import open_image
 from spcola.formats.states.columns import Row, image_rows
 
-_UTC = ("utc", "time")
 _EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3}
 
 
@@ -45,26 +43,24 @@ class Exposure:
     filter: str | None = None
 
 
-def read_exposures(path: str | Path, *, columns: Mapping[str, str] | None = None) -> list[Exposure]:
+def read_exposures(path: str | Path) -> list[Exposure]:
     """Read names and times of images.
 
     Parameters
     ----------
     path : str or Path
-    columns : mapping of str to str, optional
-        For names of columns of this module, those in the file.
 
     Raises
     ------
     FormatError
         If an image has no time, a time cannot be read, or an image appears twice.
     """
-    return [_exposure(name, row) for name, row in image_rows(path, columns or {}).items()]
+    return [_exposure(name, row) for name, row in image_rows(path, {}).items()]
 
 
 def _exposure(name: str, row: Row) -> Exposure:
     """Return the exposure on one line."""
-    time, clock = row.time(_UTC), row.text(("clock",)) or ""
+    time, clock = row.time(), row.text(("clock",)) or ""
     if (time is None) == (not clock):
         raise FormatError("states no time, or two", row.place, "name a column utc, et or clock")
     delay = 0.0

@@ -32,7 +32,6 @@ from spcola.formats.text.source import KM, as_format_error
 from spcola.navigation import Spin
 from spcola.navigation.states import ImageState, StateSource
 
-_UTC = ("utc", "time")
 _UNITS = {"_km": KM, "_m": 1.0}
 _XYZ = ("x", "y", "z")
 _J2000 = "_j2000"
@@ -87,7 +86,7 @@ def _vector(row: Row, names: Sequence[str], units: Mapping[str, float]) -> _Vect
 
 def _state(name: str, row: Row, spin: Spin | None) -> ImageState:
     """Return the state on one line."""
-    time = _time(row)
+    time = row.time_or_nan()
     position, attitude, sun = _position(row), _attitude(row), _sun(row)
     turn: FloatArray = np.eye(3)
     if position.inertial or attitude.inertial or (sun is not None and sun.inertial):
@@ -105,12 +104,6 @@ def _state(name: str, row: Row, spin: Spin | None) -> ImageState:
         if sun is None:
             return state
         return replace(state, sun=turn @ sun.values if sun.inertial else sun.values)
-
-
-def _time(row: Row) -> float:
-    """Return the ephemeris time, s; NaN if there is no column for it."""
-    time = row.time(_UTC)
-    return float("nan") if time is None else time
 
 
 def _turn(row: Row, spin: Spin | None, time: float) -> FloatArray:
@@ -158,9 +151,17 @@ def _attitude(row: Row) -> _Vector:
         turned = Rotation.from_quat(quaternion.values[[1, 2, 3, 0]]).as_matrix()
         return _Vector(turned, quaternion.inertial)
     assert angles is not None
-    ra, dec, twist = angles
-    frame = Rotation.from_euler("ZXZ", [90.0 + ra, 90.0 - dec, twist], degrees=True)
-    return _Vector(frame.as_matrix().T, True)
+    return _Vector(axes_of_pointing(*angles), True)
+
+
+def axes_of_pointing(ra_deg: float, dec_deg: float, twist_deg: float) -> FloatArray:
+    """Return the rows Cx, Cy, Cz (3, 3) along J2000 of a boresight and a twist, degrees.
+
+    The twist runs from the east to Cx, towards the north.
+    """
+    turns = [90.0 + ra_deg, 90.0 - dec_deg, twist_deg]
+    axes: FloatArray = Rotation.from_euler("ZXZ", turns, degrees=True).as_matrix().T
+    return axes
 
 
 def _sun(row: Row) -> _Vector | None:

@@ -16,8 +16,6 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.formats.states.columns import Row, image_rows
 
-_UTC = ("utc", "time")
-
 
 class TimeAndSun(NamedTuple):
     """Time and light of an image.
@@ -51,13 +49,7 @@ def read_times(
         If a value is no number or time, or an image appears twice.
     """
     rows = image_rows(path, columns or {})
-    return {name: TimeAndSun(_time(row), _sun(row)) for name, row in rows.items()}
-
-
-def _time(row: Row) -> float:
-    """Return the ephemeris time, s."""
-    time = row.time(_UTC)
-    return float("nan") if time is None else time
+    return {name: TimeAndSun(row.time_or_nan(), _sun(row)) for name, row in rows.items()}
 
 
 def _sun(row: Row) -> FloatArray:

@@ -48,7 +48,9 @@ def in_layout_of(text: str, like: str | Path | None) -> str:
             kept[key] if key in kept and _has_same_content(line, kept[key]) else line
             for key, line in new
         ]
-    return "".join(lines)
+    # A file may end without a line end, and its last line may have got another after it.
+    ended = [line if line.endswith(("\n", "\r")) else f"{line}\n" for line in lines[:-1]]
+    return "".join([*ended, *lines[-1:]])
 
 
 def _keyed_lines(text: str) -> list[tuple[_Key, str]]:

@@ -1,10 +1,12 @@
-"""Whole frames against the shape: rendering, orientation, offset and silhouette."""
+"""Whole frames against the shape: rendering, orientation, offset, silhouette."""
 
-from spcola.imagematching.frames.compare import FrameMatch, compare_frame, silhouette_overlap
+from spcola.imagematching.frames.compare import FrameMatch, compare_frame
 from spcola.imagematching.frames.rendered import (
     CenterView,
     RenderedFrame,
+    View,
     center_view,
+    footprint,
     render_frame,
 )
 
@@ -12,8 +14,9 @@ __all__ = [
     "CenterView",
     "FrameMatch",
     "RenderedFrame",
+    "View",
     "center_view",
     "compare_frame",
+    "footprint",
     "render_frame",
-    "silhouette_overlap",
 ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
+from scipy.ndimage import gaussian_filter
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.imagematching.frames.rendered import RenderedFrame
@@ -16,6 +17,9 @@ _LEAST_OVERLAP = 0.4
 # round a real body is fainter, though it may be above the shadow threshold.
 _EDGE = 0.2
 _BRIGHT = 95.0
+# Sigma, in cells, of the smoothing before the offset is refined.
+_SMOOTHING = 1.0
+_NEIGHBOURS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ def compare_frame(
     """Return the best offset of an image from the rendering, and how well they agree there.
 
     The correlation is that of the cells of both in their overlap (Padfield 2012, IEEE Trans. Image
-    Process. 21, 2706, without masks); its peak is refined by parabolas.
+    Process. 21, 2706, without masks). Its peak is refined to about 3 % of a cell, and 0.1 pixel.
 
     Parameters
     ----------
@@ -57,15 +61,15 @@ def compare_frame(
     lowest : float
         Lowest brightness of lit ground.
     reach_px : float
-        Largest offset, pixels.
+        Largest offset, pixels; where the correlation still rises there, half of the frame.
     """
     cells = block_means(pixels, rendered.step)
     scores = _correlations(cells, rendered.brightness, int(np.ceil(reach_px / rendered.step)))
+    if _at_the_border(scores):
+        scores = _correlations(cells, rendered.brightness, max(cells.shape) // 2)
     middle = scores.shape[0] // 2
-    best = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    row, column = int(best[0]), int(best[1])
-    down = row - middle + _vertex(scores[max(row - 1, 0) : row + 2, column])
-    right = column - middle + _vertex(scores[row, max(column - 1, 0) : column + 2])
+    row, column = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
+    down, right = _refined(cells, rendered.brightness, (row - middle, column - middle))
     seen, expected = silhouette(cells, lowest), silhouette(rendered.brightness, 0.0)
     return FrameMatch(
         float(scores[middle, middle]),
@@ -160,10 +164,46 @@ def _correlations(image: FloatArray, model: FloatArray, reach: int) -> FloatArra
     return np.where(enough, above / np.where(enough, below, 1.0), -1.0)
 
 
-def _vertex(values: FloatArray) -> float:
-    """Return where the parabola through three values at −1, 0, 1 is highest, within half a step."""
-    if len(values) < 3:
-        return 0.0
-    left, peak, right = values
-    bend = left - 2.0 * peak + right
-    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0
+def _refined(image: FloatArray, model: FloatArray, near: tuple[int, int]) -> tuple[float, float]:
+    """Return rows and columns at the peak of the correlation, less than two cells from `near`.
+
+    Both are smoothed first: correlations of pictures with sharp edges have a cusp, which pulls the
+    vertex of a parabola towards whole cells. Light from one side makes a ridge that runs
+    obliquely, so that rows and columns are not to be refined one after the other.
+    """
+    one, other = (gaussian_filter(cells, _SMOOTHING, mode="nearest") for cells in (image, model))
+    best, scores = near, np.zeros(9)
+    for _ in range(2):
+        around = [(best[0] + row, best[1] + column) for row, column in _NEIGHBOURS]
+        scores = np.array([_correlation(*_overlapping(one, other, offset)) for offset in around])
+        if (middle := int(np.argmax(scores))) == 4:
+            break
+        best = around[middle]
+    step = _vertex(scores)
+    return best[0] + step[0], best[1] + step[1]
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    """Return the correlation of two arrays; −1 where one is uniform or empty."""
+    if not one.size:
+        return -1.0
+    a, b = one - one.mean(), other - other.mean()
+    below = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    return float(np.sum(a * b)) / below if below > 0.0 else -1.0
+
+
+def _at_the_border(scores: FloatArray) -> bool:
+    """Return whether the largest value of an array lies on its border: there is no peak inside."""
+    return bool(scores.max() > scores[1:-1, 1:-1].max(initial=-1.0))
+
+
+def _vertex(scores: FloatArray) -> tuple[float, float]:
+    """Return row and column, at most one half each, of the vertex through scores (9,) of a peak."""
+    row, column = np.array(_NEIGHBOURS, dtype=np.float64).T
+    terms = np.stack([np.ones(9), row, column, row**2, column**2, row * column], axis=1)
+    _, slope_r, slope_c, bend_r, bend_c, twist = np.linalg.lstsq(terms, scores, rcond=None)[0]
+    bend = np.array([[2.0 * bend_r, twist], [twist, 2.0 * bend_c]])
+    if not (bend_r < 0.0 and np.linalg.det(bend) > 0.0):
+        return 0.0, 0.0
+    down, right = np.clip(np.linalg.solve(bend, [-slope_r, -slope_c]), -0.5, 0.5)
+    return float(down), float(right)

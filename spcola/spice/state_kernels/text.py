@@ -1,8 +1,8 @@
-"""Text kernels that go with states of images: rotation, clock, frames, cameras, and their list."""
+"""Text kernels that go with states of images: rotation, clock, frames, and cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +10,10 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.camera import Camera, SpcImage, ray
 from spcola.navigation import Spin
-from spcola.spice.pck import constant
+from spcola.spice.kernel_files import clock_items, frame_items, kernel_text, rotation_items
 
 CLOCK_TICKS_PER_S = 10_000
 """Ticks of the clock of the kernels in a second of TDB."""
-
-_SECONDS = 4_294_967_296
-_ITEMS_A_LINE = 3
 
 
 @dataclass(frozen=True)
@@ -57,46 +54,28 @@ class KernelNumbers:
 
 def rotation_text(numbers: KernelNumbers, spin: Spin, radius_m: float) -> str:
     """Return the PCK: pole, prime meridian and radii of the body."""
-    values = {
-        "POLE_RA": (spin.pole_ra_deg, spin.pole_ra_rate_deg_per_century, 0.0),
-        "POLE_DEC": (spin.pole_dec_deg, spin.pole_dec_rate_deg_per_century, 0.0),
-        "PM": (spin.meridian_deg, spin.rate_deg_per_day, spin.quadratic_deg_per_day2),
-    }
-    items: dict[str, object] = {constant(numbers.body, key): v for key, v in values.items()}
-    if radius_m > 0.0:
-        items[f"BODY{numbers.body}_RADII"] = (radius_m / 1000.0,) * 3
-    return _kernel(
+    return kernel_text(
         "PCK",
         [
             "Pole and spin of the SPC solution: degrees, Julian centuries and days from J2000.",
             "The radii are the mean radius of the shape model.",
         ],
-        {**_names({numbers.body: numbers.body_name}), **items},
+        {
+            **_names({numbers.body: numbers.body_name}),
+            **rotation_items(numbers.body, spin, radius_m),
+        },
     )
 
 
 def clock_text(numbers: KernelNumbers, start: float) -> str:
     """Return the SCLK: a clock that counts seconds of TDB evenly from an ephemeris time, s."""
-    key = -numbers.clock
-    ticks = _SECONDS * CLOCK_TICKS_PER_S
-    return _kernel(
+    return kernel_text(
         "SCLK",
         [
             "No clock of a spacecraft: it counts TDB evenly, so that the attitudes in the CK keep",
             "the times of the images whatever clock kernel of the mission is loaded.",
         ],
-        {
-            "SCLK_KERNEL_ID": "@2000-01-01",
-            f"SCLK_DATA_TYPE_{key}": 1,
-            f"SCLK01_TIME_SYSTEM_{key}": 1,
-            f"SCLK01_N_FIELDS_{key}": 2,
-            f"SCLK01_MODULI_{key}": (_SECONDS, CLOCK_TICKS_PER_S),
-            f"SCLK01_OFFSETS_{key}": (0, 0),
-            f"SCLK01_OUTPUT_DELIM_{key}": 1,
-            f"SCLK_PARTITION_START_{key}": 0.0,
-            f"SCLK_PARTITION_END_{key}": float(ticks),
-            f"SCLK01_COEFFICIENTS_{key}": (0.0, float(np.floor(start)), 1.0),
-        },
+        clock_items(numbers.clock, float(np.floor(start)), CLOCK_TICKS_PER_S),
     )
 
 
@@ -108,15 +87,11 @@ def frames_text(numbers: KernelNumbers, count: int) -> str:
         number, frame = numbers.camera - index, numbers.frame(index)
         names[number] = frame
         items |= {
-            f"FRAME_{frame}": number,
-            f"FRAME_{number}_NAME": f"'{frame}'",
-            f"FRAME_{number}_CLASS": 3,
-            f"FRAME_{number}_CLASS_ID": number,
-            f"FRAME_{number}_CENTER": numbers.spacecraft,
+            **frame_items(frame, number, 3, number, numbers.spacecraft),
             f"CK_{number}_SCLK": numbers.clock,
             f"CK_{number}_SPK": numbers.spacecraft,
         }
-    return _kernel(
+    return kernel_text(
         "FK",
         ["Axes X, Y, Z of a camera's frame are Cx, Cy, Cz of SPC; Z is the boresight."],
         {**_names(names), **items},
@@ -147,7 +122,7 @@ def cameras_text(numbers: KernelNumbers, examples: Sequence[SpcImage]) -> str:
         }
         if len(camera.distortion):
             items[f"{key}_DISTORTION"] = tuple(camera.distortion)
-    return _kernel(
+    return kernel_text(
         "IK",
         [
             "Focal length in mm; CCD_CENTER is pixel and line of the boresight, where the centre",
@@ -158,19 +133,6 @@ def cameras_text(numbers: KernelNumbers, examples: Sequence[SpcImage]) -> str:
             "first and last pixels.",
         ],
         items,
-    )
-
-
-def list_text(files: Iterable[str]) -> str:
-    """Return the meta-kernel: the files in the order of loading."""
-    quoted = " ".join(f"'$KERNELS/{name}'" for name in files)
-    return (
-        "KPL/MK\n\nStates of images of an SPC solution. Load it from its own folder, or write\n"
-        "that folder into PATH_VALUES.\n\n\\begindata\n"
-        "  PATH_SYMBOLS = ( 'KERNELS' )\n  PATH_VALUES = ( '.' )\n"
-        + "  KERNELS_TO_LOAD = (\n"
-        + "".join(f"    {name}\n" for name in quoted.split())
-        + "  )\n\\begintext\n"
     )
 
 
@@ -196,31 +158,6 @@ def _corners(image: SpcImage) -> FloatArray:
 def _names(names: Mapping[int, str]) -> dict[str, object]:
     """Return the assignments of names to NAIF numbers."""
     return {
-        "NAIF_BODY_NAME +": " ".join(f"'{name}'" for name in names.values()),
-        "NAIF_BODY_CODE +": " ".join(str(number) for number in names),
+        "NAIF_BODY_NAME +": tuple(f"'{name}'" for name in names.values()),
+        "NAIF_BODY_CODE +": tuple(names),
     }
-
-
-def _kernel(kind: str, about: Iterable[str], items: Mapping[str, object]) -> str:
-    """Return a text kernel."""
-    lines = [f"KPL/{kind}", "", *about, "", "\\begindata"]
-    for name, value in items.items():
-        lines += _assignment(name, value)
-    return "\n".join([*lines, "\\begintext", ""])
-
-
-def _assignment(name: str, value: object) -> list[str]:
-    """Return the lines of an assignment; a name that ends in + appends."""
-    left = f"  {name}= " if name.endswith("+") else f"  {name} = "
-    if isinstance(value, tuple):
-        words = [_number(item) for item in value]
-        rows = [words[i : i + _ITEMS_A_LINE] for i in range(0, len(words), _ITEMS_A_LINE)]
-        return [f"{left}(", *(f"    {' '.join(row)}" for row in rows), "  )"]
-    if name.endswith("+"):
-        return [f"{left}(", *(f"    {word}" for word in str(value).split()), "  )"]
-    return [f"{left}{value if isinstance(value, str) else _number(value)}"]
-
-
-def _number(value: object) -> str:
-    """Return a number with all its digits."""
-    return str(value) if isinstance(value, int) else f"{float(str(value)):.17g}"

@@ -103,7 +103,7 @@ class TruthBody:
     @cached_property
     def _albedo_field(self) -> AlbedoField:
         s = self.settings
-        octaves = fractal_octaves(s.albedo, 4.0, 0.0, 64.0, 1.0)
+        octaves = fractal_octaves(s.albedo, 4.0, 0.0, 64.0, min(1.0, s.shortest))
         octaves[:, 1] /= np.sqrt(max(len(octaves), 1))
         seed = _noise_seed(s.seed, "albedo")
         return AlbedoField(s.radius, octaves, seed, self._indexed(self.spots))

@@ -35,7 +35,7 @@ class BodySettings:
         The rms grows with this power of the wavelength.
     longest, shortest : float
         Wavelengths between which the body is rough, metres (by halves from the longest, those
-        beyond 0.63 radii left out).
+        beyond 0.63 radii left out). The albedo varies down to 1 m, or to the shortest if less.
     roughness_contrast : float
         The amplitude goes as ``1 + contrast · (y² − x²)`` of the direction: greatest at 90° and
         270° of longitude (Weirich et al., section 2.4).

@@ -8,6 +8,8 @@ from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.errors import SettingsError
 
+__all__ = ["LEAST_DETECTOR", "framing_camera", "looking", "turned_to"]
+
 # DellaGiustina et al., Table 1: both detectors, and the focal lengths (PolyCam's at infinity).
 _PIXEL_MM, _DETECTOR = 0.0085, 1024
 _FOCAL_LENGTHS_MM = {"MapCam": 125.0, "PolyCam": 628.9}

@@ -10,10 +10,8 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 from spcola.math import lattice
-from spcola.navigation import utc_from_et
 
 _DAY = 86400.0
-_MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 
 Pattern = Literal["lattice", "poles-belt-samples"]
 # Shares of all passes over each pole and the belt; the rest are samples between.
@@ -120,11 +118,6 @@ class Pass:
         """Ephemeris time of the middle, s."""
         return self.start + self.duration / 2.0
 
-    @property
-    def day(self) -> str:
-        """UTC date of the middle, ``YYYY-MM-DD``."""
-        return day_of(self.middle)
-
     def position(self, time: FloatArray) -> FloatArray:
         """Return true positions (N, 3), metres, body-fixed, at `time` (N,), s."""
         turned = 2.0 * np.pi * (np.asarray(time) - self.middle) / self.period
@@ -136,12 +129,6 @@ class Pass:
         rate = 2.0 * np.pi / self.period
         zero = np.zeros_like(position[..., 0])
         return rate * np.stack([position[..., 1], -position[..., 0], zero], axis=-1)
-
-
-def day_of(time: float) -> str:
-    """Return the UTC date, ``YYYY-MM-DD``, of an ephemeris time, s."""
-    year, month, day = utc_from_et(time).split()[:3]
-    return f"{year}-{_MONTHS.index(month) // 3 + 1:02d}-{day}"
 
 
 def plan_passes(settings: PassSettings, generator: np.random.Generator) -> list[Pass]:

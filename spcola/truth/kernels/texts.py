@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +14,18 @@ from spcola import atomic
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.navigation import Spin
+from spcola.spice.kernel_files import (
+    clock_items,
+    frame_items,
+    kernel_text,
+    meta_kernel_text,
+    rotation_items,
+)
 from spcola.truth.kernels.names import BODY, BUS, CLOCK, CRAFT, INSTRUMENTS, SPACECRAFT, TARGET
 
 META_KERNEL = "blind.tm"
 
 _TICKS = 65_536
-_SECONDS = 4_294_967_296
 
 
 def _mount(about_z_deg: float, about_x_deg: float) -> FloatArray:
@@ -64,20 +70,22 @@ def write_texts(
         Mean radius for the PCK, metres.
     """
     texts = {
-        "tpc": _kernel("PCK", ["Nominal pole and spin."], _rotation(spin, radius)),
-        "tf": _kernel(
+        "tpc": kernel_text("PCK", ["Nominal pole and spin."], rotation_items(BODY, spin, radius)),
+        "tf": kernel_text(
             "FK",
             ["X of a camera's frame is the direction of rising samples, Y that of rising lines,",
              "Z the boresight."],
             _frames(),
         ),
-        "ti": _kernel(
+        "ti": kernel_text(
             "IK",
             ["FOCAL_LENGTH in mm, PIXEL_SIZE in micrometres; CCD_CENTER is sample and line of the",
              "optical axis, where the centre of the first pixel is (0, 0)."],
             _cameras(cameras),
         ),
-        "tsc": _kernel("SCLK", ["It counts TDB evenly."], _clock(clock)),
+        "tsc": kernel_text(
+            "SCLK", ["It counts TDB evenly."], clock_items(CLOCK, clock.start, _TICKS)
+        ),
     }  # fmt: skip
     for suffix, text in texts.items():
         atomic.write_text(folder / f"blind.{suffix}", text)
@@ -88,17 +96,10 @@ def write_texts(
         leap_seconds.name,
         *(f"blind.{end}" for end in ("tpc", "tsc", "tf", "ti", "bsp", "bc")),
     ]
-    atomic.write_text(folder / META_KERNEL, _list(names))
+    atomic.write_text(
+        folder / META_KERNEL, meta_kernel_text("Nominal kernels of a synthetic mission.", names)
+    )
     return folder / "blind.tsc", folder / leap_seconds.name
-
-
-def _rotation(spin: Spin, radius: float) -> dict[str, object]:
-    return {
-        f"BODY{BODY}_POLE_RA": (spin.pole_ra_deg, 0.0, 0.0),
-        f"BODY{BODY}_POLE_DEC": (spin.pole_dec_deg, 0.0, 0.0),
-        f"BODY{BODY}_PM": (spin.meridian_deg, spin.rate_deg_per_day, 0.0),
-        f"BODY{BODY}_RADII": (radius / 1000.0,) * 3,
-    }
 
 
 def _frames() -> dict[str, object]:
@@ -108,14 +109,14 @@ def _frames() -> dict[str, object]:
     items: dict[str, object] = {
         "NAIF_BODY_NAME +": tuple(f"'{name}'" for name in names.values()),
         "NAIF_BODY_CODE +": tuple(names),
-        **_frame(fixed, BODY, 2, BODY, BODY),
+        **frame_items(fixed, BODY, 2, BODY, BODY),
         f"OBJECT_{BODY}_FRAME": f"'{fixed}'",
-        **_frame(bus, BUS, 3, BUS, SPACECRAFT),
+        **frame_items(bus, BUS, 3, BUS, SPACECRAFT),
         f"CK_{BUS}_SCLK": CLOCK,
         f"CK_{BUS}_SPK": SPACECRAFT,
     }
     for name, number in INSTRUMENTS.items():
-        items |= _frame(cameras[number], number, 4, number, SPACECRAFT)
+        items |= frame_items(cameras[number], number, 4, number, SPACECRAFT)
         items |= {
             f"TKFRAME_{number}_SPEC": "'MATRIX'",
             f"TKFRAME_{number}_RELATIVE": f"'{bus}'",
@@ -123,16 +124,6 @@ def _frames() -> dict[str, object]:
             f"TKFRAME_{number}_MATRIX": tuple(MOUNTS[name].ravel().tolist()),
         }
     return items
-
-
-def _frame(name: str, number: int, kind: int, own: int, center: int) -> dict[str, object]:
-    return {
-        f"FRAME_{name}": number,
-        f"FRAME_{number}_NAME": f"'{name}'",
-        f"FRAME_{number}_CLASS": kind,
-        f"FRAME_{number}_CLASS_ID": own,
-        f"FRAME_{number}_CENTER": center,
-    }
 
 
 def _cameras(cameras: Mapping[str, Camera]) -> dict[str, object]:
@@ -164,48 +155,3 @@ def _cameras(cameras: Mapping[str, Camera]) -> dict[str, object]:
             items[f"{key}_DISTORTION_MODEL"] = f"'{camera.distortion_model.upper()}'"
             items[f"{key}_DISTORTION"] = tuple(camera.distortion.tolist())
     return items
-
-
-def _clock(clock: MissionClock) -> dict[str, object]:
-    key = -CLOCK
-    return {
-        "SCLK_KERNEL_ID": "@2000-01-01",
-        f"SCLK_DATA_TYPE_{key}": 1,
-        f"SCLK01_TIME_SYSTEM_{key}": 1,
-        f"SCLK01_N_FIELDS_{key}": 2,
-        f"SCLK01_MODULI_{key}": (_SECONDS, _TICKS),
-        f"SCLK01_OFFSETS_{key}": (0, 0),
-        f"SCLK01_OUTPUT_DELIM_{key}": 1,
-        f"SCLK_PARTITION_START_{key}": 0.0,
-        f"SCLK_PARTITION_END_{key}": float(_SECONDS * _TICKS),
-        f"SCLK01_COEFFICIENTS_{key}": (0.0, clock.start, 1.0),
-    }
-
-
-def _list(names: Sequence[str]) -> str:
-    """Return the meta-kernel."""
-    files = "\n".join(f"    '$KERNELS/{name}'" for name in names)
-    return (
-        "KPL/MK\n\nNominal kernels of a synthetic mission, in the order of loading. Load it from"
-        "\nits own folder, or write that folder into PATH_VALUES.\n\n\\begindata\n"
-        "  PATH_SYMBOLS = ( 'KERNELS' )\n  PATH_VALUES = ( '.' )\n"
-        f"  KERNELS_TO_LOAD = (\n{files}\n  )\n\\begintext\n"
-    )
-
-
-def _kernel(kind: str, about: Sequence[str], items: Mapping[str, object]) -> str:
-    """Return a text kernel."""
-    lines = [f"KPL/{kind}", "", *about, "", "\\begindata"]
-    for name, value in items.items():
-        left = f"  {name}= " if name.endswith("+") else f"  {name} = "
-        if isinstance(value, tuple):
-            words = [_word(item) for item in value]
-            lines += [f"{left}(", *(f"    {word}" for word in words), "  )"]
-        else:
-            lines.append(left + _word(value))
-    return "\n".join([*lines, "\\begintext", ""])
-
-
-def _word(value: object) -> str:
-    """Return a value as text, numbers with all their digits."""
-    return repr(float(value)) if isinstance(value, float) else str(value)

@@ -9,7 +9,7 @@ import numpy as np
 
 from spcola import atomic
 from spcola.arrays import AnyArray
-from spcola.navigation import utc_from_et
+from spcola.navigation import iso_utc
 from spcola.truth.kernels.names import CRAFT, MISSION, TARGET
 from spcola.truth.raw_frames.detector import Detector
 
@@ -19,7 +19,6 @@ FILTERS = {"PolyCam": "CLEAR", "MapCam": "PAN"}
 PHASES = {"AP": "APPROACH", "PS": "PRELIMINARY SURVEY", "DS": "DETAILED SURVEY"}
 """Names of the phases by the codes of :mod:`spcola.truth.campaign.campaign`."""
 
-_MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 Card = tuple[float | int | str, str]
 
 
@@ -145,12 +144,6 @@ def write_calibration(folder: Path, detector: Detector) -> tuple[Path, ...]:
     flat: dict[str, Card] = {"BUNIT": ("1", "relative sensitivity")}
     _write(paths[1], detector.flat.astype(np.float32), shared | flat)
     return paths
-
-
-def iso_utc(time: float, digits: int = 6) -> str:
-    """Return the UTC of an ephemeris time, s, as ISO 8601 text."""
-    year, month, day, clock = utc_from_et(time, digits).split()
-    return f"{year}-{_MONTHS.index(month) // 3 + 1:02d}-{day}T{clock}"
 
 
 def _write(path: str | Path, pixels: AnyArray, cards: dict[str, Card]) -> None:

@@ -6,9 +6,64 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 
 _MOST_FACETS = 2.0e7
+# Outside a fine site the longest edge grows by this share of the distance, metres a metre.
+_GROWTH = 0.1
+# Facets on a square whose side is the longest edge: edges are between half of it and all of it.
+_PER_SQUARE = 2.0 / 0.57**2
+
+
+@dataclass(frozen=True)
+class FineSite:
+    """A circle of ground whose mesh is as fine as the finest images.
+
+    Parameters
+    ----------
+    latitude_deg, longitude_deg : float
+        Direction to its middle.
+    diameter : float
+        Metres.
+    spacing : float
+        Longest edge inside, metres; outside edges become longer little by little.
+
+    Raises
+    ------
+    SettingsError
+        If a number lies outside its range.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    diameter: float = 20.0
+    spacing: float = 0.06
+
+    def __post_init__(self) -> None:
+        if not (abs(self.latitude_deg) <= 90 and min(self.diameter, self.spacing) > 0):
+            raise SettingsError("latitude, diameter or spacing out of range", "fine site")
+
+    @property
+    def direction(self) -> FloatArray:
+        """Unit vector (3,) to its middle."""
+        latitude, longitude = np.radians([self.latitude_deg, self.longitude_deg])
+        x, y = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude)
+        # Rounded: sines differ in the last bit between the libraries of machines.
+        return np.round(np.array([x, y, np.sin(latitude)]), 12)
+
+    def longest_edges(self, middles: FloatArray) -> FloatArray:
+        """Return the greatest length (N,), metres, of edges with these middles (N, 3)."""
+        along = middles @ self.direction
+        aside = np.sqrt(np.maximum(np.sum(middles**2, axis=1) - along**2, 0.0))
+        outside = np.where(along > 0, np.maximum(aside - 0.5 * self.diameter, 0.0), np.inf)
+        return self.spacing + _GROWTH * outside
+
+    def facets(self, spacing: float) -> float:
+        """Return the approximate number of facets in and around it, for edges of `spacing`."""
+        r, s = 0.5 * self.diameter, self.spacing
+        around = 2.0 * r / (_GROWTH * s) + 2.0 * np.log(max(spacing / s, 1.0)) / _GROWTH**2
+        return float(_PER_SQUARE * np.pi * (r**2 / s**2 + around))
 
 
 @dataclass(frozen=True)
@@ -38,6 +93,8 @@ class SolidSettings:
         Number of overhanging cliffs.
     cliff_length, cliff_height, cliff_overhang : float
         Length along the edge, height, and how far the edge leans out, metres.
+    sites : tuple of FineSite
+        Where the mesh is as fine as the finest images.
 
     Raises
     ------
@@ -57,6 +114,7 @@ class SolidSettings:
     cliff_length: float = 60.0
     cliff_height: float = 8.0
     cliff_overhang: float = 5.0
+    sites: tuple[FineSite, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 < self.spacing < np.inf:
@@ -83,5 +141,5 @@ class SolidSettings:
 
     def facets(self, radius: float) -> float:
         """Return the approximate number of facets on a body of mean `radius`, metres."""
-        # Edges between half of the spacing and all of it; triangles of a cube's grid.
-        return 4.0 * np.pi * radius**2 * 1.2 / (0.5 * (0.57 * self.spacing) ** 2)
+        everywhere = 4.0 * np.pi * radius**2 * 1.2 * _PER_SQUARE / self.spacing**2
+        return everywhere + sum(site.facets(self.spacing) for site in self.sites)

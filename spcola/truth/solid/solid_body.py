@@ -90,6 +90,8 @@ class SolidBody(TruthBody):
             # Edges that end inside have their middles at most half of one outside.
             inside = feature.patch.inside(middles, 0.5 * self.solid.spacing)
             longest[inside] = min(self.solid.spacing, feature.edge) / STRETCH
+        for site in self.solid.sites:
+            longest = np.minimum(longest, site.longest_edges(middles))
         return longest
 
     def _folded(self, smooth: SmoothMesh) -> Mesh:

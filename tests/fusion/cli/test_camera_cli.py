@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
+from PIL import Image
 from scipy.special import erf
 from typer.testing import CliRunner, Result
 
@@ -19,6 +20,7 @@ from spcola.camera.instrument import Instrument
 from spcola.camera.projection import project_vectors
 from spcola.formats.cameras import read_cameras, write_cameras
 from spcola.formats.cameras.stars.tables import _axes
+from spcola.formats.images import write_image_data
 
 TRUE = Camera(
     125.2, [256.5, 256.5], [[60.0, 0.01, 0], [0, -60.05, 0]], 512, 512, "owen", [2e-5, 0, 0, 0]
@@ -26,6 +28,7 @@ TRUE = Camera(
 NOMINAL = replace(TRUE, focal_length_mm=125.25, distortion=np.zeros(4),
                   k_matrix=[[60.0, 0, 0], [0, -60.0, 0]])  # fmt: skip
 VELOCITY = np.array([12.0, -20.0, 5.0])
+FILES = {"S4": "S4.DAT", "S5": "S5.png"}
 
 
 def call(*arguments: object, code: int = 0) -> Result:
@@ -69,7 +72,7 @@ class Cruise:
         """Approximate attitudes: 0.05° off."""
         rows = [
             (name, *(np.add([ra, dec, twist], self.random.normal(scale=0.05, size=3))), *VELOCITY,
-             *([f"{name}.fits"] if files else []))
+             *([FILES.get(name, f"{name}.fits")] if files else []))
             for name, ra, dec, twist in self.pointing
         ]  # fmt: skip
         return self.write("att.csv", "image,ra,dec,twist,vx,vy,vz" + ",file" * files, rows)
@@ -89,7 +92,13 @@ class Cruise:
             for pixel, line in spots:
                 down, across = (np.diff(0.5 * erf((edge - at) / 1.13)) for at in (line, pixel))
                 image += 900.0 * np.outer(down, across)
-            fits.PrimaryHDU(image.astype(np.float32)).writeto(self.folder / f"{name}.fits")
+            dn = np.clip(image, 0, 65535).round().astype(np.uint16)
+            if name == "S4":
+                write_image_data(self.folder / "S4.DAT", dn)
+            elif name == "S5":
+                Image.fromarray(dn).save(self.folder / "S5.png")
+            else:
+                fits.PrimaryHDU(image.astype(np.float32)).writeto(self.folder / f"{name}.fits")
 
 
 @pytest.fixture
@@ -139,6 +148,7 @@ def test_from_images(cruise: Cruise) -> None:
     )  # fmt: skip
     content = json.loads(result.stdout)
     check(content, out)
+    assert content["left_out"] == {}
     identified = sum(frame["stars"] for frame in content["frames"])
     assert identified > 0.95 * sum(len(spots) for spots in cruise.spots.values())
 

@@ -15,49 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import ROOT, call, called, program, refused
 
-from fusion.cli.app import COMMANDS, app
+from fusion.cli.app import COMMANDS
 from fusion.workspace import Workspace
 from spcola.formats.maplets import write_maplet
 from spcola.grids import Maplet, MapletGrid
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-def call(*arguments: object, code: int = 0) -> Result:
-    """Run a command and check its exit code."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
-
-
-def called(*arguments: object) -> Any:
-    """Run a command with ``--json`` and return its object; nothing else may be printed."""
-    result = call(*arguments, "--json")
-    assert result.stderr == ""
-    return json.loads(result.stdout)
-
-
-def refused(*arguments: object) -> str:
-    """Run a command that must fail, and return its one line."""
-    result = call(*arguments, code=1)
-    assert result.stdout == ""
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    return result.stderr
-
-
-def program(*arguments: object, **options: Any) -> subprocess.Popen[str]:
-    """Start a real process."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "fusion.cli", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        **options,
-    )
 
 
 def write_table(path: Path, points: np.ndarray[Any, Any]) -> Path:

@@ -21,6 +21,8 @@ SENSIBLE = {
     "--seed": {"0"},
     "--faces-from": {"0"},
     "--first-pixel": {"0", "1e-308"},
+    "--clearing-s": {"0", "1e-308"},
+    "--low": {"0"},
     # NAIF numbers, temperatures, directions: of either sign.
     **{
         name: {"-1", "0", "1e-308"}

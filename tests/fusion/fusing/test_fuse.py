@@ -1,18 +1,18 @@
+"""Fused maplets."""
+
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import ndimage
+from fused_scene import GRID, SIZE, information_of, rms, scene, truth
 
 from fusion.fusing import (
     Constraints,
     FuseInput,
     FuseOptions,
-    RegisteredMapola,
     fuse_maplet,
-    lidar_constraints,
 )
 from fusion.fusing.maplets import Source
 from fusion.fusing.uncertainty import (
@@ -21,53 +21,7 @@ from fusion.fusing.uncertainty import (
     SlopeInformation,
     estimate_information,
 )
-from lidar.gridding import Mapola
-from spcola.grids import Maplet, MapletGrid
-
-GRID = MapletGrid.facing([80.0, 10.0, 5.0], [1.0, 0.1, 0.1], 0.5, 30)
-SIZE = GRID.size
-
-
-def correlated(generator, sigma, cells):
-    field = ndimage.gaussian_filter(generator.normal(size=(SIZE + 40, SIZE + 40)), cells)
-    field = field[20:-20, 20:-20]
-    return sigma * field / field.std()
-
-
-def truth(generator):
-    return correlated(generator, 0.5, 4.0) + correlated(generator, 0.1, 1.0)
-
-
-def scene(seed, *, lidar_sigma=0.03, cover=1.0, dark=None, common=0.0):
-    """Truth, and what goes into a fused maplet: SPC heights smoothed and wrong by 10 cm."""
-    generator = np.random.default_rng(seed)
-    surface = truth(generator)
-    spc = ndimage.gaussian_filter(surface, 1.0) + correlated(generator, 0.1, 2.5)
-    if dark is not None:
-        spc[dark] = np.nan
-    lidar = surface + lidar_sigma * generator.normal(size=surface.shape)
-    lidar[generator.random(surface.shape) >= cover] = np.nan
-    known = np.isfinite(lidar)
-    parts = FuseInput(
-        name="AA0001",
-        grid=GRID,
-        spc=Maplet("AA0001", GRID, spc),
-        lidar=Constraints(
-            lidar, np.where(known, lidar_sigma, np.nan), np.where(known, 4, 0).astype(np.int32)
-        ),
-        prior=ndimage.gaussian_filter(surface, 8.0),
-        common_covariance=common**2 * np.eye(3),
-    )
-    return surface, parts
-
-
-def information_of(parts):
-    pair = AlignedHeights(parts.lidar.height, parts.spc.height, parts.lidar.sigma, GRID.gsd)
-    return estimate_information([pair])
-
-
-def rms(values):
-    return float(np.sqrt(np.nanmean(np.square(values))))
+from spcola.grids import Maplet
 
 
 @pytest.mark.parametrize(("cover", "gain"), [(1.0, 0.95), (0.3, 1.0)])
@@ -257,111 +211,6 @@ def test_steps_on_steep_and_on_bent_ground_are_less_certain():
     assert information.step_sigma(flat, flat, 0.5) == pytest.approx(0.03)
     assert information.step_sigma(np.array(-1.0), flat, 0.5) == pytest.approx(np.hypot(0.03, 0.2))
     assert information.step_sigma(flat, np.array(0.2), 0.5) == pytest.approx(np.hypot(0.03, 0.06))
-
-
-def candidate(mapola):
-    return RegisteredMapola(mapola.grid, lambda: mapola)
-
-
-def test_constraints_take_one_mapola_for_each_point():
-    low = Mapola(
-        "A",
-        GRID,
-        np.zeros(GRID.shape),
-        sigma=np.full(GRID.shape, 0.02),
-        count=np.full(GRID.shape, 3),
-    )
-    gap = np.zeros(GRID.shape)
-    gap[:, :20] = np.nan
-    first = Mapola(
-        "B", GRID, gap + 1.0, sigma=np.full(GRID.shape, 0.01), count=np.where(np.isnan(gap), 0, 7)
-    )
-    found = lidar_constraints(GRID, [candidate(first), candidate(low)])
-    # A cell next to the gap has an unknown corner, so that its edge comes from the other mapola.
-    assert np.all(found.height[1:-1, 22:-1] == pytest.approx(1.0))
-    assert np.all(found.height[1:-1, 1:18] == pytest.approx(0.0))
-    assert np.all(found.count[1:-1, 22:-1] == 7)
-    assert np.all(found.count[1:-1, 1:18] == 3)
-    far = MapletGrid(-GRID.center, GRID.axes * np.array([[1.0], [-1.0], [-1.0]]), 0.5, 30)
-    assert np.isnan(lidar_constraints(far, [candidate(low)]).height).all()
-
-
-def test_a_mapola_that_is_not_needed_is_not_read():
-    full = Mapola(
-        "A",
-        GRID,
-        np.zeros(GRID.shape),
-        sigma=np.full(GRID.shape, 0.02),
-        count=np.full(GRID.shape, 3),
-    )
-    inner = MapletGrid(GRID.center, GRID.axes, 0.5, 20)
-
-    def refuse():
-        raise AssertionError("read for nothing")
-
-    found = lidar_constraints(inner, [candidate(full), RegisteredMapola(GRID, refuse)])
-    assert np.isfinite(found.height).all()
-
-
-def coarse_mapola(surface, factor, sigma, generator):
-    """Means of a surface over squares of `factor` points, as a mapola of that GSD."""
-    half = (SIZE // factor - 1) // 2
-    grid = MapletGrid(GRID.center, GRID.axes, factor * GRID.gsd, half)
-    size = factor * grid.size
-    first = (SIZE - size) // 2
-    inner = surface[first : first + size, first : first + size]
-    mean = inner.reshape(grid.size, factor, grid.size, factor).mean(axis=(1, 3))
-    mean = mean + sigma * generator.normal(size=mean.shape)
-    layers = {"sigma": np.full(grid.shape, sigma), "count": np.full(grid.shape, 9)}
-    return Mapola("C", grid, mean, **layers)
-
-
-def test_cells_of_a_coarse_mapola_hold_means_and_leave_the_detail_to_the_slopes():
-    generator = np.random.default_rng(31)
-    surface = truth(generator)
-    mapola = coarse_mapola(surface, 5, 0.02, generator)
-    found = lidar_constraints(GRID, [candidate(mapola)])
-    assert not np.isfinite(found.height).any()
-    assert found.means is not None
-    inside = np.isfinite(found.coarse)
-    assert np.mean(inside) > 0.6
-    spc = surface + correlated(generator, 0.15, 12.0)
-    parts = FuseInput(
-        "AA0001",
-        GRID,
-        Maplet("AA0001", GRID, spc),
-        found,
-        ndimage.gaussian_filter(surface, 8.0),
-        np.zeros((3, 3)),
-    )
-    # The slow error of 15 cm differs by 2.6 cm over three cells: see walk_sigma.
-    information = SlopeInformation(0.03, 0.0, 0.0, 0.15, 400.0)
-    fused = fuse_maplet(parts, information).maplet
-    assert np.all(fused.source[inside] == Source.BOTH)
-    error = fused.height - surface
-    # Better than SPC, whose slow errors the means take out, and than the coarse cells themselves,
-    # between which the detail is lost.
-    assert rms(error[inside]) < 0.5 * rms((spc - surface)[inside])
-    assert rms(error[inside]) < 0.5 * rms((found.coarse - surface)[inside])
-    # Detail is that of the steps: the roughness of the surface is not flattened.
-    assert rms(np.diff(error, axis=1)[:, 5:-5]) < 0.15 * rms(np.diff(surface, axis=1))
-    assert 0.55 < np.mean(np.abs(error)[inside] < fused.sigma[inside]) < 0.95
-
-
-def test_points_with_a_height_of_their_own_are_in_no_mean():
-    generator = np.random.default_rng(32)
-    surface = truth(generator)
-    fine = np.where(np.arange(SIZE) < 30, surface, np.nan)
-    layers = {"sigma": np.full(GRID.shape, 0.02), "count": np.where(np.isfinite(fine), 5, 0)}
-    own = Mapola("B", GRID, fine, **layers)
-    coarse = coarse_mapola(surface, 4, 0.02, generator)
-    found = lidar_constraints(GRID, [candidate(own), candidate(coarse)])
-    assert np.isfinite(found.height[:, :30]).all()
-    assert not np.isfinite(found.coarse[:, :30]).any()
-    held = np.zeros(SIZE * SIZE, dtype=bool)
-    held[found.means.points] = True
-    assert np.array_equal(held.reshape(GRID.shape), np.isfinite(found.coarse))
-    np.testing.assert_allclose(np.add.reduceat(found.means.share, found.means.start[:-1]), 1.0)
 
 
 def with_lidar(parts, height, count):

@@ -48,10 +48,10 @@ def hdf5(path: Path) -> None:
 
 
 FOREIGN = {
-    "PNG": (lambda path: image(path, "PNG"), "is a PNG image"),
+    "PNG": (lambda path: image(path, "PNG"), "is a PNG image; .*spcola images WS FILE"),
     "JPEG": (lambda path: image(path, "JPEG"), "is a JPEG image"),
-    "TIFF": (lambda path: image(path, "TIFF"), "is a TIFF; .*ends in .tif"),
-    "GIF": (lambda path: image(path, "GIF"), "is a GIF image"),
+    "TIFF": (lambda path: image(path, "TIFF"), "is a TIFF; .*spcola images.*ends in .tif"),
+    "GIF": (lambda path: image(path, "GIF"), "is a GIF image; .*convert it to TIFF or FITS"),
     "ZIP": (packed, "is a ZIP archive; unpack it first"),
     "gzip": (lambda path: path.write_bytes(gzip.compress(b"v 1 2 3")), "is a gzip file; unpack"),
     "HDF5": (hdf5, "is an HDF5 file, but not"),
@@ -60,10 +60,23 @@ FOREIGN = {
     "PDF": (lambda path: path.write_bytes(b"%PDF-1.7\n"), "is a PDF document"),
     "DSK": (lambda path: path.write_bytes(b"DAS/DSK \0\0"), "is a SPICE DSK"),
     "old kernel": (lambda path: path.write_bytes(b"NAIF/DAF\0"), "before 1996"),
-    "FITS": (lambda path: path.write_text("SIMPLE  =                    T"), "is a FITS file"),
-    "PDS3": (lambda path: path.write_text("PDS_VERSION_ID = PDS3\n"), "is a PDS3 label"),
+    "FITS": (
+        lambda path: path.write_text("SIMPLE  =                    T"),
+        "a FITS file; .*spcola images",
+    ),
+    "PDS3": (
+        lambda path: path.write_text("PDS_VERSION_ID = PDS3\n"),
+        "PDS3.*spcola images",
+    ),
+    "VICAR": (
+        lambda path: path.write_text("LBLSIZE=1024 FORMAT='BYTE'"),
+        "a VICAR image; .*PDS label",
+    ),
     "PVL": (lambda path: path.write_text("Object = Network\n  A = 1\n"), "label or settings"),
-    "cube": (lambda path: path.write_bytes(b"Object = IsisCube\n\0\0"), "is an ISIS cube"),
+    "cube": (
+        lambda path: path.write_bytes(b"Object = IsisCube\n\0\0"),
+        "ISIS cube; .*images WS",
+    ),
     "cube's label": (lambda path: path.write_text("Object = IsisCube\n"), "label of an ISIS cube"),
     "PDS4": (
         lambda path: path.write_text('<?xml version="1.0"?><P xmlns="http://pds.nasa.gov/pds4/">'),

@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.inspection import import_forecast, mapolas_forecast
+from fusion.inspection import import_forecast
+from fusion.inspection.forecasts import stage_forecasts
 from fusion.inspection.forecasts.mapolas import BYTES_PER_RETURN
 from fusion.inspection.import_forecast import ImportClock
 from fusion.pipeline import Pipeline
@@ -19,34 +20,21 @@ from fusion.runtime import ThreadExecutor
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
-from fusion.workspace import Workspace, new_workspace
+from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
-from lidar.formats.native import ScanFile, write_scan
+from lidar.formats.native import ScanFile
 from lidar.scans import Scan
-from spcola.formats.maplets import write_maplet
-from spcola.grids import Maplet, MapletGrid
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def workspace(under_a_scan) -> Workspace:
     """Two maplets under a scan, and one on the far side of the ball."""
-    made = new_workspace(tmp_path / "ws", body="Ball")
-    for number, longitude in enumerate((0.0, 0.4, 3.0)):
-        normal = np.array([np.cos(longitude), np.sin(longitude), 0.0])
-        grid = MapletGrid.facing(60.0 * normal, normal, 0.5, 10)
-        flat = Maplet(f"AA{number:04d}", grid, np.zeros(grid.shape))
-        write_maplet(made.root / "MAPFILES" / f"{flat.name}.MAP", flat)
-    rng = np.random.default_rng(1)
-    longitude, z = rng.uniform(-0.3, 0.7, 30_000), rng.uniform(-0.25, 0.25, 30_000)
-    across = np.sqrt(1.0 - z**2)
-    away = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    write_scan(made.root / "scans" / "one.h5", [Scan.of_points("one", 60.0 * away, body="Ball")])
-    return made
+    return under_a_scan((0.0, 0.4, 3.0))
 
 
 def test_the_forecast_counts_what_is_there(workspace: Workspace) -> None:
     settings = Settings().with_table("mapolas", adjust=False)
-    found = mapolas_forecast(workspace, settings)
+    found = stage_forecasts(workspace, settings, only="mapolas", workers=2)["mapolas"].details
     assert (found["grids"], found["with_returns"]) == (3, 2)
     (path,) = workspace.scan_paths()
     assert found["scan_bytes"] == path.stat().st_size
@@ -59,10 +47,6 @@ def test_the_forecast_counts_what_is_there(workspace: Workspace) -> None:
     assert 0.0 < found["minutes"] < 5.0
     assert found["memory_mb"] > PROGRAM_BYTES / 1e6
     assert found["memory_mb"] < (PROGRAM_BYTES + 64 * BYTES_PER_RETURN * 30_000) / 1e6
-
-
-def test_where_none_can_be_made_there_is_none(tmp_path: Path) -> None:
-    assert mapolas_forecast(new_workspace(tmp_path / "ws", body="Ball"), Settings()) == {}
 
 
 class Watch:

@@ -14,6 +14,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
+from fusion.inspection import name_content
+from spcola.errors import FormatError
+from spcola.formats.images import open_image
 
 LABEL = """PDS_VERSION_ID = PDS3
 RECORD_TYPE = FIXED_LENGTH
@@ -77,3 +80,20 @@ def test_look_draws_an_image_as_it_is_stored(here: Path) -> None:
     assert found["kind"] == "image"
     with Image.open(found["picture"]) as picture:
         assert min(picture.size) > 500
+
+
+@pytest.mark.parametrize("form", ["PNG", "TIFF", "JPEG", "GIF", "VICAR"])
+def test_the_advice_about_a_picture_is_what_spcola_images_does(tmp_path: Path, form: str) -> None:
+    path = tmp_path / "file.dat"
+    if form == "VICAR":
+        path.write_bytes(b"LBLSIZE=40 FORMAT='BYTE' NL=4 NS=4".ljust(40) + bytes(range(16)))
+    else:
+        Image.fromarray(np.arange(16, dtype=np.uint8).reshape(4, 4)).save(path, format=form)
+    _, advice = name_content(path.read_bytes())
+    assert ("spcola images WS FILE" in advice) is (form in ("PNG", "TIFF"))
+    if form in ("PNG", "TIFF"):
+        assert open_image(path).read().values.shape == (4, 4)
+    else:
+        assert "convert it to TIFF or FITS" in advice
+        with pytest.raises(FormatError):
+            open_image(path)

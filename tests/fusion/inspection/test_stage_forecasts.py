@@ -4,48 +4,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from fusion.cli.app import app
 from fusion.inspection.forecasts import Basis, StageForecast, forecast_lines, stage_forecasts
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
 from fusion.runtime.folders import Remembered
+from fusion.runtime.folders.remembered import Listing
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import run_stages
-from fusion.workspace import Workspace, new_workspace
-from lidar.formats.native import write_scan
-from lidar.scans import Scan
-from spcola.formats.maplets import write_maplet
-from spcola.grids import Maplet, MapletGrid
+from fusion.workspace import Workspace
 
 STAGES = ["ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report"]
 
 
-def call(*arguments: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
-
-
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def workspace(under_a_scan) -> Workspace:
     """Six maplets under one scan."""
-    made = new_workspace(tmp_path / "ws", body="Ball")
-    for number in range(6):
-        normal = np.array([np.cos(0.1 * number), np.sin(0.1 * number), 0.0])
-        grid = MapletGrid.facing(60.0 * normal, normal, 0.5, 10)
-        flat = Maplet(f"AA{number:04d}", grid, np.zeros(grid.shape))
-        write_maplet(made.root / "MAPFILES" / f"{flat.name}.MAP", flat)
-    rng = np.random.default_rng(1)
-    longitude, z = rng.uniform(-0.3, 0.8, 30_000), rng.uniform(-0.25, 0.25, 30_000)
-    across = np.sqrt(1.0 - z**2)
-    away = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    write_scan(made.root / "scans" / "one.h5", [Scan.of_points("one", 60.0 * away, body="Ball")])
-    return made
+    return under_a_scan([0.1 * number for number in range(6)])
 
 
 def results(workspace: Workspace) -> list[str]:
@@ -143,20 +120,29 @@ def test_what_is_remembered_depends_on_files_outside_and_on_its_own_digest(tmp_p
     (folder / "a.txt").write_text("a")
     outside.write_text("1, 2")
     kept = Remembered(folder)
-    assert kept.find() is None
-    kept.keep(kept.files(), {"number": 3}, [outside])
-    assert kept.find() == {"number": 3}
+    assert kept.find(kept.listing()) is None
+    kept.keep(seen_later(kept), {"number": 3}, [outside])
+    assert kept.find(kept.listing()) == {"number": 3}
     outside.write_text("1, 2, 3")
-    assert kept.find() is None
-    kept.keep(kept.files(), {"number": 3}, [outside])
+    assert kept.find(kept.listing()) is None
+    kept.keep(seen_later(kept), {"number": 3}, [outside])
     (path,) = folder.glob("provenance/.info")
     path.write_text(path.read_text().replace('"number": 3', '"number": 4'))
-    assert kept.find() is None
+    assert kept.find(kept.listing()) is None
     # A file that changed while it was looked at is not taken for the one that was seen.
-    before = kept.files()
+    before = seen_later(kept)
     (folder / "a.txt").write_text("other")
     kept.keep(before, {"number": 5}, [])
-    assert kept.find() is None
+    assert kept.find(kept.listing()) is None
+    # Nor one that changed just before: a further change may not show.
+    kept.keep(kept.listing(), {"number": 6}, [])
+    assert kept.find(kept.listing()) is None
+
+
+def seen_later(kept: Remembered) -> Listing:
+    """Return the files as they are, as if they were listed three seconds later."""
+    now = kept.listing()
+    return now._replace(begun_ns=now.begun_ns + 3_000_000_000)
 
 
 def test_options_without_a_forecast_are_refused(workspace: Workspace) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
-from threading import Event
+from threading import Barrier, Event
 
 import pytest
 
@@ -106,6 +108,20 @@ def test_a_file_edited_in_place_with_its_old_time_gets_a_new_digest(workspace: W
     catalog.close()
 
 
+def test_a_file_rewritten_within_one_tick_of_the_clock_gets_a_new_digest(
+    workspace: Workspace,
+) -> None:
+    path = workspace.root / "file"
+    catalog = Catalog(workspace)
+    for number in range(60):
+        path.write_bytes(f"{2 * number:04d}".encode())
+        catalog.digest(path)
+        text = f"{2 * number + 1:04d}".encode()
+        path.write_bytes(text)
+        assert catalog.digest(path) == hashlib.sha256(text).hexdigest()
+    catalog.close()
+
+
 def record_of(workspace: Workspace) -> StageRecord:
     digest = Catalog(workspace).digest(workspace.root / "spcola.toml")
     return StageRecord(
@@ -181,3 +197,19 @@ def test_a_damaged_name_of_a_column_is_mended(workspace: Workspace) -> None:
     assert mended.record("fuse") == record_of(workspace)
     assert "was damaged; made again" in mended.notes[0]
     mended.close()
+
+
+def test_programs_that_open_a_new_catalogue_at_once_share_it(tmp_path: Path) -> None:
+    """One that a reader finds half made would be taken for damaged, and replaced."""
+    for number in range(25):
+        workspace, start = new_workspace(tmp_path / str(number)), Barrier(4)
+
+        def opened(workspace: Workspace = workspace, start: Barrier = start) -> str:
+            start.wait()
+            with closing(Catalog(workspace, read_only=True)) as catalog:
+                return catalog.digest(workspace.root / "spcola.toml") + "".join(catalog.notes)
+
+        with ThreadPoolExecutor(4) as pool:
+            found = [one.result() for one in [pool.submit(opened) for _ in range(4)]]
+        assert len(set(found)) == 1
+        assert not list(workspace.root.glob(".*.part"))

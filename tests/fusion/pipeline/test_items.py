@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.pipeline.items import ItemStore, decode, encode
-from fusion.verdict import Code, Finding, Severity
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import Affine
 

@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from fusion.cli.app import app
-from fusion.pipeline.pipeline import LOCK_FILE
-from fusion.pipeline.solutions import MadeBy, making_solution, solutions_of
-from fusion.runtime.folders import locked
+from fusion.pipeline.solutions import MadeBy, lineage, making_solution, solutions_of
+from fusion.runtime import content_digest
+from fusion.runtime.folders import LOCK_FILE, locked
 from fusion.workspace import Workspace, new_workspace
+from spcola.camera import Camera, SpcImage
 from spcola.errors import WorkspaceError
 from spcola.formats.maplets import write_maplet
+from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
 
 BY = MadeBy("a test", {}, {}, {})
-
-
-def run(*arguments: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
 
 
 def maplet(name: str, up: float = 0.0) -> Maplet:
@@ -78,16 +75,16 @@ def test_the_commands_list_use_show_and_compare(workspace: Workspace) -> None:
     root = workspace.root
     grandchild = made(made(workspace, "one"), "two", 0.3)
     made(workspace, "three")
-    listed = run("solution", "list", root).stdout.splitlines()
+    listed = call("solution", "list", root).stdout.splitlines()
     assert [line.split(" (")[0] for line in listed[:-1]] == [
         "* imported", "    one", "      two", "    three",
     ]  # fmt: skip
-    assert run("solution", "use", root, "two").stdout == "in use: two\n"
+    assert call("solution", "use", root, "two").stdout == "in use: two\n"
     assert Workspace.open(root).home == grandchild.home
-    assert json.loads(run("info", root, "--json").stdout)["solution"] == "two"
-    shown = json.loads(run("solution", "show", root, "two", "--json").stdout)
+    assert json.loads(call("info", root, "--json").stdout)["solution"] == "two"
+    shown = json.loads(call("solution", "show", root, "two", "--json").stdout)
     assert (shown["parent"], shown["made_by"], shown["maplets"]) == ("one", "a test", 2)
-    found = json.loads(run("solution", "diff", root, "one", "two", "--json").stdout)
+    found = json.loads(call("solution", "diff", root, "one", "two", "--json").stdout)
     assert found["centers_outward_m"]["p100"] == pytest.approx(0.2, abs=1e-3)
     assert found["centers_outward_m"]["p50"] == pytest.approx(0.1, abs=1e-3)
     assert found["heights_changed_m"]["p100"] < 1e-3
@@ -96,21 +93,73 @@ def test_the_commands_list_use_show_and_compare(workspace: Workspace) -> None:
 def test_what_is_in_use_or_has_children_is_not_removed(workspace: Workspace) -> None:
     root = workspace.root
     made(made(workspace, "one"), "two")
-    run("solution", "use", root, "two")
+    call("solution", "use", root, "two")
     for name, why in (("imported", "cannot be removed"), ("two", "in use"), ("one", "two was")):
-        assert why in run("solution", "remove", root, name, code=1).stderr
-    run("solution", "use", root, "imported")
+        assert why in call("solution", "remove", root, name, code=1).stderr
+    call("solution", "use", root, "imported")
     for name in ("two", "one"):
-        run("solution", "remove", root, name)
-    assert [one.name for one in solutions_of(workspace)] == ["imported"]
+        call("solution", "remove", root, name)
+    assert [one.name for one in solutions_of(workspace).sound()] == ["imported"]
     for command in (("use", root, "one"), ("show", root, "one"), ("diff", root, "one", "two")):
-        error = run("solution", *command, code=1).stderr
+        error = call("solution", *command, code=1).stderr
         assert "there is no solution 'one'" in error
         assert "there are: imported" in error
 
 
+def forge(workspace: Workspace, of: str, checksum: str = "right", **changed: Any) -> None:
+    """Change the record of a solution, as a bad disk, an editor or another program would."""
+    path = workspace.root / "solutions" / of / "solution.json"
+    content = {**json.loads(path.read_text()), **changed}
+    old = content.pop("checksum")
+    found = {"right": content_digest(content), "old": old, "none": ""}[checksum]
+    path.write_text(json.dumps({**content, "checksum": found}))
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"constants": {"boddy": {"name": "x"}}}, "[boddy]: is an unknown table"),
+        ({"constants": {"body": {"radius": 1}}}, "[body] radius: is an unknown key"),
+        ({"constants": {"body": {"mean_radius_m": -5}}}, "[body] mean_radius_m: should be 0, or"),
+        ({"constants": 7}, "constants: should be an object"),
+        ({"parent": None}, "parent: should be a valid string"),
+        ({"name": "two"}, "is the record of the solution 'two'"),
+        ({"checksum": "old", "facts": {"epsilon": 1e-3}}, "fails its checksum"),
+        ({"checksum": "none"}, "fails its checksum"),
+    ],
+)
+def test_a_damaged_record_is_refused_by_file_and_key_and_can_be_removed(
+    workspace: Workspace, changed: dict[str, Any], words: str
+) -> None:
+    root = workspace.root
+    made(workspace, "one")
+    forge(workspace, "one", **changed)
+    for command in (("use",), ("show",), ("diff", "imported")):
+        error = call("solution", command[0], root, *command[1:], "one", code=1).stderr
+        assert words in error
+        assert "solutions/one/solution.json" in error
+        assert error.count("\n") == 1
+    assert call("info", root, "--json").stdout
+    assert words in call("solution", "list", root).stdout
+    call("solution", "remove", root, "one")
+    assert len(solutions_of(workspace).sound()) == 1
+
+
+def test_parents_that_are_gone_or_form_a_circle_are_refused(workspace: Workspace) -> None:
+    two = made(made(workspace, "one"), "two")
+    assert [one.name for one in lineage(two)] == ["two", "one", "imported"]
+    forge(workspace, "one", parent="two")
+    with pytest.raises(WorkspaceError, match="circle"):
+        lineage(two)
+    with pytest.raises(WorkspaceError, match="the parents of one, two form a circle"):
+        solutions_of(workspace).sound()
+    shutil.rmtree(workspace.root / "solutions" / "one")
+    with pytest.raises(WorkspaceError, match="'one' is gone"):
+        lineage(two)
+
+
 def test_names_are_checked(workspace: Workspace) -> None:
-    for name in ("", "imported", "all", "../x", ".x", "a b", "IN_USE", "x" * 41, "ä"):
+    for name in ("", "imported", "All", "../x", ".x", "a b", "in_use", "x" * 41, "ä"):
         with pytest.raises(WorkspaceError, match=r"solution|taken"):
             made(workspace, name)
     made(workspace, "one")
@@ -118,28 +167,40 @@ def test_names_are_checked(workspace: Workspace) -> None:
         made(workspace, "one")
 
 
-def test_export_writes_a_plain_folder_that_a_workspace_can_be_made_of(
+def test_an_exported_solution_is_a_workspace_with_the_same_numbers(
     workspace: Workspace, tmp_path: Path
 ) -> None:
-    new = made(workspace, "one")
-    written = run("solution", "export", workspace.root, "one", tmp_path / "out", "--json").stdout
-    assert json.loads(written)["written"]["MAPFILES"] == 2
-    again = new_workspace(tmp_path / "again", spc=tmp_path / "out")
+    root, constants = workspace.root, {"spin": {"meridian_deg": 45.61}}
+    (root / "IMAGEFILES" / "P1.DAT").write_bytes(b"pixels")
+    toml = (root / "spcola.toml").read_text()
+    toml = toml.replace('name = "body"', 'name = "Bennu"').replace(
+        "mean_radius_m = 0.0", "mean_radius_m = 245.1"
+    )
+    (root / "spcola.toml").write_text(toml)
+    with making_solution(workspace, "one", MadeBy("a test", constants, {}, {})) as folder:
+        write_maplet(folder / "MAPFILES" / "AA0001.MAP", maplet("AA0001", 0.1))
+    new, out = Workspace.open(root, "one"), tmp_path / "out"
+    written = json.loads(call("solution", "export", root, "one", out, "--json").stdout)["written"]
+    assert (written["MAPFILES"], written["IMAGEFILES"]) == (2, 1)
+    call("init", tmp_path / "again", "--spc", out)
+    again = Workspace.open(tmp_path / "again")
     for name in ("AA0001", "AA0002"):
         assert again.maplet_path(name).read_bytes() == new.maplet_path(name).read_bytes()
-    error = run("solution", "export", workspace.root, "one", tmp_path / "out", code=1).stderr
-    assert "exists already" in error
+    assert again.exposure_path("P1").read_bytes() == b"pixels"
+    assert again.settings() == new.settings()
+    for place, why in ((out, "exists already"), (root / "MAPFILES" / "x", "lies in the workspace")):
+        assert why in call("solution", "export", root, "one", place, code=1).stderr
 
 
 def test_readers_and_other_solutions_do_not_wait_for_a_writer(workspace: Workspace) -> None:
     root = workspace.root
     made(workspace, "one")
     with locked(root / LOCK_FILE):
-        assert json.loads(run("info", root, "--json").stdout)["maplets"] == 2
-        run("solution", "diff", root, "imported", "one")
-        assert "another spcola is at work" in run("fuse", root, code=1).stderr
+        assert json.loads(call("info", root, "--json").stdout)["maplets"] == 2
+        call("solution", "diff", root, "imported", "one")
+        assert "another spcola is at work" in call("fuse", root, code=1).stderr
         # The other solution can be worked with: what it lacks is named, and not the lock.
-        other = run("fuse", root, "--solution", "one", code=1).stderr
+        other = call("fuse", root, "--solution", "one", code=1).stderr
         assert "there is no registration" in other
 
 
@@ -152,7 +213,7 @@ def test_a_failure_while_one_is_made_leaves_none(workspace: Workspace) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
-from fusion.pipeline.pipeline import LOCK_FILE
+from typing import Any
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.workspace import Workspace
 with making_solution(Workspace.open(sys.argv[1]), "one", MadeBy("a test", {}, {}, {})) as folder:
@@ -168,10 +229,47 @@ def test_a_crash_while_one_is_made_leaves_none(workspace: Workspace) -> None:
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
-        with pytest.raises(WorkspaceError, match="another spcola is at work"):
-            made(workspace, "two")
+        with pytest.raises(WorkspaceError, match="another spcola is making"):
+            made(workspace, "one")
+        # Others are made meanwhile, but what one is made from is not removed.
+        made(workspace, "two")
         os.kill(process.pid, signal.SIGKILL)
-    assert [one.name for one in solutions_of(workspace)] == ["imported"]
+    assert [one.name for one in solutions_of(workspace).sound()] == ["imported", "two"]
     made(workspace, "one")
     names = {path.name for path in (workspace.root / "solutions").iterdir()}
-    assert names == {"one", ".lock"}
+    assert names == {"one", "two", ".lock"}
+
+
+def test_an_exact_camera_goes_with_its_images(workspace: Workspace, tmp_path: Path) -> None:
+    # Brown's third radial term has no place in a .SUM file.
+    lens = Camera(150.0, [512.5, 512.5], [[71.4, 0, 0], [0, 71.4, 0]], 1024, 1024, "brown",
+                  [-0.2, 0.5, 1e-3, -2e-3, 0.1])  # fmt: skip
+    image = SpcImage("P1", "2019-03-03", lens, [0, 0, 1e5], np.eye(3), [1.0, 0, 0])
+    write_summary(workspace.image_path("P1"), image)
+    (camera_file,) = (workspace.root / "SUMFILES").glob("CAMERA-*.toml")
+    assert workspace.state_files() == [workspace.image_path("P1"), camera_file]
+    with making_solution(workspace, "moved", BY) as folder:
+        nearer = replace(image, camera=replace(lens, center=lens.center + 1.0), scobj=[0, 0, 9e4])
+        write_summary(folder / "SUMFILES" / "P1.SUM", nearer)
+    with making_solution(workspace, "kept", BY) as folder:
+        write_summary(
+            folder / "SUMFILES" / "P1.SUM", replace(image, scobj=[0, 0, 8e4]),
+            like=workspace.image_path("P1"),
+        )  # fmt: skip
+    root, kept = workspace.root, Workspace.open(workspace.root, "kept")
+    assert (kept.home / "SUMFILES" / camera_file.name).samefile(camera_file)
+    assert kept.image("P1").camera.distortion_model == "brown"
+    found = json.loads(call("solution", "diff", root, "imported", "moved", "--json").stdout)
+    assert found["cameras_changed_px"]["p100"] == pytest.approx(np.sqrt(2.0), abs=1e-6)
+    assert found["positions_moved_m"]["p100"] == pytest.approx(1e4)
+    out = tmp_path / "out"
+    (written,) = json.loads(call("solution", "export", root, "kept", out, "--json").stdout)[
+        "cameras"
+    ]
+    assert written["file"] == camera_file.name
+    assert 0.01 < written["rms_px"] < written["largest_px"] < 0.5
+    assert (out / "SUMFILES" / camera_file.name).read_bytes() == camera_file.read_bytes()
+    camera_file.unlink()
+    error = call("solution", "export", root, "imported", tmp_path / "none", code=1).stderr
+    assert "which is not there" in error
+    assert not (tmp_path / "none").exists()

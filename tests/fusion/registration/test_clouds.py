@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fusion.estimation.verdict import Code
 from fusion.registration.clouds import Alignment, AlignOptions, align_clouds
 from fusion.registration.clouds.composed import composed
 from fusion.registration.direct import DirectRegistration
 from fusion.registration.transform import PARAMETERS, KnownTransform, Model
-from fusion.verdict import Code
 from spcola.errors import InvalidValueError, RejectedResultError
 from spcola.math import Affine, Similarity
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from fusion.estimation.verdict import Code, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.not_aligned import NotAlignedError
@@ -23,7 +24,6 @@ from fusion.registration.returns import (
 from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.stages.register.scan_fits import ScanFit
 from fusion.surfacematch import Match, Surface
-from fusion.verdict import Code, Verdict
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
 from spcola.math import Affine, Similarity

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fusion.estimation.verdict import Code
 from fusion.registration.judging import Evidence, RegistrationLimits, judge_registration
 from fusion.registration.judging.common_ground import CommonRelief
-from fusion.verdict import Code
 
 LIMITS = RegistrationLimits(rotation_deg=1.0, scale=0.01, center_sigma_m=0.05)
 

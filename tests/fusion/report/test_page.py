@@ -9,10 +9,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.report import make_report
 from fusion.report.data import ReportData
 from fusion.report.planted import SurfaceErrors
-from fusion.verdict import Code, Finding, Severity, Verdict
 
 VOID = {"meta", "img", "br", "link"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -17,6 +18,7 @@ from threading import Thread
 import numpy as np
 import pytest
 from distributed import Client, LocalCluster
+from PIL import Image
 from typer.testing import CliRunner
 
 import fusion.runtime.cluster
@@ -36,7 +38,7 @@ from spcola.grids import Maplet, MapletGrid
 def address() -> Iterator[str]:
     """The scheduler of a cluster of two processes."""
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         yield str(cluster.scheduler_address)
 
@@ -153,6 +155,31 @@ def test_mapolas_made_by_a_cluster_are_the_same_bytes(
     np.testing.assert_array_equal(first.displacement, second.displacement)
     np.testing.assert_array_equal(first.covariance, second.covariance)
     assert np.abs(first.displacement[:, :3]).max() > 0.005
+
+
+def test_images_brought_in_by_a_cluster_are_the_same_bytes(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(5)
+    for number in range(4):
+        pixels = rng.integers(0, 4000, (64, 64), dtype=np.uint16)
+        Image.fromarray(pixels).save(tmp_path / f"P{number}.png")
+    names = [f"P{number}.png" for number in range(4)]
+    Image.fromarray(np.full((64, 64), 9, np.uint16)).save(tmp_path / "dark.png")
+    found, kept = [], []
+    for root, choice in (("here", ["--workers", "2"]), ("there", ["--cluster", address])):
+        new_workspace(tmp_path / root, body="Ball")
+        command = ["images", root, *names, "--dark", "dark.png", "--report", "--json", *choice]
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 0, result.output
+        content = json.loads(result.stdout)
+        found.append({key: content[key] for key in ("new", "images", "counts")})
+        files = sorted((tmp_path / root).glob("IMAGEFILES/*"))
+        kept.append({path.name: path.read_bytes() for path in files})
+    assert len(kept[0]) == 4
+    assert kept[0] == kept[1]
+    assert found[0] == found[1]
 
 
 def test_scans_read_by_a_cluster_are_the_same_bytes(

@@ -54,6 +54,19 @@ def test_a_second_program_is_refused_or_waits_until_the_first_is_done(tmp_path: 
             second.result(timeout=20.0)
 
 
+def test_what_was_removed_by_another_program_is_not_locked(tmp_path: Path) -> None:
+    folder = tmp_path / "solution"
+    folder.mkdir()
+    with ThreadPoolExecutor(1) as pool:
+        with locked(folder / ".lock"):
+            waiting = pool.submit(_hold, folder / ".lock")
+            with pytest.raises(TimeoutError):
+                waiting.result(timeout=0.4)
+            folder.rename(tmp_path / "gone")
+        with pytest.raises(WorkspaceError, match="removed by another"):
+            waiting.result(timeout=20.0)
+
+
 def _hold(lock: Path) -> None:
     with locked(lock, wait=True):
         pass

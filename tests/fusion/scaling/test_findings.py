@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fusion.estimation.verdict import Cause, Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
@@ -13,7 +14,6 @@ from fusion.scaling.judging import (
     lost_findings,
     scale_findings,
 )
-from fusion.verdict import Cause, Code, Severity, Verdict
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21")
 # By an independent trajectory rotations and centre are determined by the relief of one body only.

@@ -8,6 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from fusion.estimation.verdict import Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions
 from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
@@ -21,7 +22,6 @@ from fusion.scaling.judging.findings import CROSSING, TOO_LARGE
 from fusion.scaling.misplacement import check_place, check_scans, compare_crossings
 from fusion.scaling.misplacement.significance import FEWEST_SHOTS, chance_of_larger, independent
 from fusion.scaling.shots import compare_shots, iterate_shots
-from fusion.verdict import Code, Severity, Verdict
 from lidar.formats.reader import read_scan
 from lidar.scans import Scan, join
 from spcola.errors import NotObservableError

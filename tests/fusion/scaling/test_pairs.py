@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.geometry import PairOptions, UnpairedImage, frame_of_image, pair_size
 from fusion.scaling.geometry.frames import local_time
 from fusion.scaling.pairs import Pair, PairSources, make_pair, pair_observations, rematch
 from fusion.surfacematch import MatchOptions
-from fusion.verdict import Cause
 from lidar.scans import Returns
 from spcola.camera import Camera, SpcImage
 from spcola.grids import Maplet

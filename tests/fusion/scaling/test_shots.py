@@ -5,11 +5,9 @@ import pytest
 
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.shots import compare_shots
-from fusion.scaling.shots.shots import utc_date
 from lidar.formats import read_scan
 from lidar.scans import Scan
 from spcola.formats.shapes import read_shape
-from spcola.navigation import et_from_utc
 from spcola.shape import Mesh, RayCaster
 
 OCTAHEDRON = Mesh(
@@ -73,10 +71,6 @@ def test_shots_past_the_body_are_counted():
     scan = shots_at(OCTAHEDRON)
     past = Scan.of_points("P", scan.points + 500.0, spacecraft=scan.spacecraft + 500.0)
     assert compare_shots(past, RayCaster(OCTAHEDRON)).missed > 0
-
-
-def test_dates():
-    assert utc_date(et_from_utc("2018-07-01T22:50:11")) == "2018-07-01"
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from command_line import call
 from scipy.spatial import ConvexHull
-from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
 from fusion.runtime import ThreadExecutor
 from fusion.stages import import_scans
 from fusion.stages.register.frame_search import search_workspace_frames, surface_points
@@ -36,12 +35,6 @@ from spcola.shape import Mesh
 
 BENCH = Path(__file__).resolve().parents[3] / "scripts" / "bench"
 RADIUS = 40.0
-
-
-def call(*arguments: object, code: int = 0) -> Result:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
 
 
 def ground(directions: FloatArray) -> FloatArray:

@@ -77,10 +77,25 @@ def registered(right: Path, target: Path, wrong: dict[str, FloatArray]) -> Path:
 
 
 def test_right_maplets_are_fused_without_a_finding(right: Path, tmp_path: Path) -> None:
-    summary = json.loads(call("fuse", registered(right, tmp_path / "WS", {})).stdout)["summary"]
-    assert summary["share_both"] > 0.9
-    assert summary["verdict"] == "accepted"
-    assert summary["findings"] == []
+    folder = registered(right, tmp_path / "WS", {})
+    ran = json.loads(call("fuse", folder).stdout)
+    assert ran["summary"]["share_both"] > 0.9
+    assert ran["summary"]["verdict"] == "accepted"
+    assert ran["summary"]["findings"] == []
+    assert "remarks" not in ran
+    # One maplet of the sample from which the errors of SPC are estimated is twice as rough.
+    path = folder / "MAPFILES" / "AA0003.MAP"
+    before = read_maplet(path)
+    noise = np.random.default_rng(5).normal(size=before.height.shape)
+    write_maplet(path, replace(before, height=before.height + 0.02 * noise))
+    (remark,) = json.loads(call("fuse", folder).stdout)["remarks"]
+    assert (remark["code"], remark["severity"]) == ("spc-errors-changed", "note")
+    assert f"all {COUNT} maplets are fused again" in remark["text"]
+    assert remark["text"].startswith("the errors of SPC were estimated again (heights ")
+    call("register", folder)
+    assert (
+        "note: after another registration" in CliRunner().invoke(app, ["fuse", str(folder)]).stderr
+    )
 
 
 @pytest.mark.parametrize(

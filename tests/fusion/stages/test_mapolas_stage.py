@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.geolocation.return_source import _MOST_ARCS, arc_length
 from fusion.pipeline import Pipeline, Subset
 from fusion.runtime import ThreadExecutor
+from fusion.scene.geolocation.return_source import _MOST_ARCS, arc_length
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.ingest.lidar_files import recorded_source
 from fusion.stages.mapolas import stage as mapolas
@@ -129,7 +129,7 @@ def test_an_interrupt_leaves_no_mapolas_and_the_next_run_makes_them(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusion.geolocation.return_source.grid_returns", interrupt)
+        patch.setattr("fusion.scene.geolocation.return_source.grid_returns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             pipeline(workspace).run_stage("mapolas")
     assert workspace.mapola_names() == []

@@ -8,22 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import call, called
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.registration.results.keys import OLD_KEYS, REGISTRATION_KEYS
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
 from spcola.formats.solution import read_summary, write_summary
 from spcola.truth.campaign import CampaignSettings
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +30,9 @@ def workspace(tmp_path_factory):
     )  # fmt: skip
     mission = folder / "mission"
     make_mission(mission, settings=settings, executor=ThreadExecutor(2), progress=Progress())
-    run("init", folder / "WS", "--spc", mission / "spc")
-    run("import", folder / "WS", *sorted((mission / "lidar").iterdir()))
-    run("mapolas", folder / "WS")
+    call("init", folder / "WS", "--spc", mission / "spc")
+    call("import", folder / "WS", *sorted((mission / "lidar").iterdir()))
+    call("mapolas", folder / "WS")
     return folder / "WS", settings
 
 
@@ -51,7 +44,7 @@ def registered(workspace, **keys):
         row = next(k for k in range(start, len(lines)) if lines[k].startswith(f"{key} ="))
         lines[row] = f"{key} = {json.dumps(value)}"
     path.write_text("\n".join(lines) + "\n")
-    summary = json.loads(run("register", workspace, "--json"))["summary"]
+    summary = called("register", workspace)["summary"]
     return summary, content_of(workspace)
 
 
@@ -168,12 +161,12 @@ def slow(*values):
 )
 def test_images_that_do_not_belong_are_not_used_in_silence(workspace, tmp_path, by, alter, code):
     place = wrong_images(workspace[0], tmp_path / "WS", alter)
-    line = run("register", place, "--by", by, code=1)
+    line = call("register", place, "--by", by, code=1).output
     content = content_of(place)
     assert codes(content) == {code}
     assert content["verdict"] == ("refused" if code == "not-determined" else "doubtful")
     assert f"[{code}]" in line
-    assert f"[{code}]" in run("fuse", place, code=1)
+    assert f"[{code}]" in call("fuse", place, code=1).output
 
 
 @pytest.mark.slow
@@ -190,7 +183,7 @@ def test_images_of_another_body_are_not_used_in_silence(workspace, tmp_path, by)
     place = wrong_images(
         place, tmp_path / "WS", lambda _: [np.fromfile(path, "V2") for path in paths]
     )
-    run("register", place, "--by", by, code=1)
+    call("register", place, "--by", by, code=1)
     content = content_of(place)
     if by == "images":
         assert content["verdict"] == "refused"
@@ -215,7 +208,7 @@ def test_states_turned_against_their_maplets_are_not_used_in_silence(
 ):
     """Every image matches, and `both` would give out a rotation that is that of neither kind."""
     place = turned_states(workspace[0], tmp_path / "WS", angle_deg)
-    run("register", place, "--by", by, code=1)
+    call("register", place, "--by", by, code=1)
     content = content_of(place)
     assert content["verdict"] == verdict
     assert "images-disagree" in codes(content)
@@ -228,5 +221,5 @@ def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace, fo
     path = workspace[0] / "spcola.toml"
     text = path.read_text().replace('by = "both"', 'by = "images"')
     path.write_text(text.replace('"lunar-lambert"', '"moonish"'))
-    assert "'moonish' is none of" in run("register", workspace[0], code=1)
+    assert "'moonish' is none of" in call("register", workspace[0], code=1).output
     path.write_text(text)

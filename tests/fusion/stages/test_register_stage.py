@@ -10,79 +10,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import ndimage
+from command_line import call, called
+from registered_ball import GSD, PLANTED, RADIUS, made
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.workspace import Workspace, new_workspace
-from lidar.formats.mapolas import write_mapolas
-from lidar.gridding import Mapola
-from spcola.arrays import FloatArray
+from fusion.workspace import Workspace
 from spcola.camera import Camera, ImagePoint, SpcImage, project_image
 from spcola.control import Landmark
-from spcola.formats.maplets import write_maplet
 from spcola.formats.shapes import write_icq
 from spcola.formats.solution import write_landmark, write_summary
-from spcola.grids import Maplet, MapletGrid
 from spcola.math import Similarity, lattice
 from spcola.shape.icq import IcqShape, icq_directions
 
-PLANTED = Similarity.from_rotation_vector(
-    np.radians([0.05, -0.08, 0.11]), [0.1, -0.2, 0.15], 1.002, "spc", "lidar"
-)
-RADIUS, GSD, HALF = 60.0, 0.5, 24
 GIVEN = ("scale", "rotation_deg", "translation_m", "scale_sigma", "covariance")
 
 
-def call(*arguments: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [*map(str, arguments), "--json"])
-    assert result.exit_code == code, result.output
-    if code == 0:
-        return json.loads(result.stdout)["summary"]
-    assert result.stderr.count("\n") == 1
-    return result.stderr
+def refused(*arguments: object) -> str:
+    """The line of a command that fails; the content of a refused result is printed too."""
+    (line,) = call(*arguments, "--json", code=1).stderr.splitlines()
+    return line
 
 
 def content_of(folder: Path) -> Any:
     return json.loads((folder / "registration.json").read_text(encoding="utf-8"))
-
-
-def terrain(seed: int, relief: float) -> FloatArray:
-    noise = np.random.default_rng(seed).normal(size=(2 * HALF + 1, 2 * HALF + 1))
-    rough = ndimage.gaussian_filter(noise, 1.5, mode="wrap")
-    surface: FloatArray = relief * rough / rough.std()
-    return surface
-
-
-def made(
-    folder: Path,
-    directions: FloatArray,
-    *,
-    relief: float = 0.4,
-    other: int = 0,
-    planted: Similarity = PLANTED,
-    filled: float = 1.0,
-) -> Path:
-    """A workspace with mapolas of two scans on a ball, and maplets as SPC has them.
-
-    `other`: added to the seeds of what the lidar saw: another body. `filled`: share of the cells
-    that have returns.
-    """
-    workspace = new_workspace(folder, body="Ball")
-    mapolas = []
-    for number, direction in enumerate(directions):
-        name = f"AA{number:04d}"
-        grid = MapletGrid.facing(RADIUS * direction, direction, GSD, HALF)
-        noise = np.random.default_rng(1000 + number).normal(size=(2, *grid.shape))
-        spc = Maplet(name, grid, terrain(number, relief) + 0.02 * noise[0])
-        write_maplet(workspace.root / "MAPFILES" / f"{name}.MAP", spc.moved(planted))
-        height = terrain(number + other, relief) + 0.01 * noise[1]
-        seen = np.random.default_rng(2000 + number).random(grid.shape) < filled
-        height, count = np.where(seen, height, np.nan), 3 * seen
-        shares = {"one": 0.75, "two": 0.25} if number % 2 else {"two": 1.0}
-        mapolas.append(Mapola(name, grid, height, count=count, scan_share=shares))
-    write_mapolas(workspace.root / "mapolas", mapolas)
-    return workspace.root
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +71,7 @@ def test_a_fit_that_is_applied_places_the_mapolas_as_the_fit_did(
     given = tmp_path / "given.json"
     shutil.copy(folder / "registration.json", given)
     before = {path: path.read_bytes() for path in (folder / "mapolas").iterdir()}
-    summary = call("register", folder, "--apply", given)
+    summary = called("register", folder, "--apply", given)["summary"]
     assert summary["applied"] == {"file": str(given), "inverse": False}
     assert summary["reason"] == "applied, not fitted"
     assert {path: path.read_bytes() for path in (folder / "mapolas").iterdir()} == before
@@ -168,13 +119,11 @@ def test_a_transform_alone_reaches_the_fused_maplets(folder: Path, tmp_path: Pat
     assert "no covariance" in " ".join(content["reasons"])
     assert np.all(np.abs(content["residual_mean_m"]) < 0.01)
     assert content["stability"] is None
-    result = CliRunner().invoke(app, ["register", str(folder)])
-    assert "up to date" in result.output
+    assert "up to date" in call("register", folder).output
     call("fuse", folder)
     assert len(list((folder / "fused").glob("*.MAP"))) == 16
     (folder / "given.json").write_text(json.dumps({**given, "scale": 1.0}))
-    result = CliRunner().invoke(app, ["register", str(folder)])
-    assert "register: ran" in result.output
+    assert "register: ran" in call("register", folder).output
 
 
 def test_corrections_of_scans_are_chained(folder: Path, tmp_path: Path) -> None:
@@ -234,20 +183,20 @@ def test_a_file_without_a_transform_is_refused_in_one_line(
 ) -> None:
     given = tmp_path / "given.json"
     given.write_text(text)
-    line = call("register", folder, "--apply", given, code=1)
+    line = refused("register", folder, "--apply", given)
     assert words in line
     assert "given.json" in line
 
 
 def test_a_file_that_is_not_there_or_is_the_result_itself_is_refused(folder: Path) -> None:
-    line = call("register", folder, "--apply", folder / "none.json", code=1)
+    line = refused("register", folder, "--apply", folder / "none.json")
     assert "--apply: names" in line
     assert "none.json, which is no file" in line
     assert "spcola.toml" not in line
     own = folder / "registration.json"
-    assert "--apply: names" in (line := call("register", folder, "--apply", own, code=1))
+    assert "--apply: names" in (line := refused("register", folder, "--apply", own))
     assert "is overwritten" in line
-    assert "names no file" in call("register", folder, "--inverse", code=1)
+    assert "names no file" in refused("register", folder, "--inverse")
 
 
 def test_one_cap_is_registered_with_sigmas_that_cover_the_truth(tmp_path: Path) -> None:
@@ -264,7 +213,7 @@ def test_one_cap_is_registered_with_sigmas_that_cover_the_truth(tmp_path: Path) 
 
 def test_two_mapolas_are_refused(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16)[:2])
-    line = call("register", folder, code=1)
+    line = refused("register", folder)
     assert "2 mapola(s) give 6 numbers for 7 parameters" in line
     assert_refused(folder, "not-determined")
 
@@ -290,8 +239,14 @@ def with_landmarks(folder: Path, *, seen: int) -> None:
     write_summary(folder / "SUMFILES" / "I0.SUM", replace(image, landmarks=tuple(points[:seen])))
 
 
-@pytest.mark.parametrize("seen", [None, 0, 2, 8])
-@pytest.mark.parametrize("landmarks", ["images", "sigmas", "ignore"])
+@pytest.mark.parametrize(
+    ("landmarks", "seen"),
+    [
+        *(("images", seen) for seen in (None, 0, 2, 8)),
+        *(("sigmas", seen) for seen in (None, 8)),
+        ("ignore", 8),
+    ],
+)
 def test_landmarks_that_no_image_ties_err_by_themselves(
     tmp_path: Path, landmarks: str, seen: int | None
 ) -> None:
@@ -319,7 +274,7 @@ def test_landmarks_that_no_image_ties_err_by_themselves(
 def test_one_maplet_is_refused_for_what_it_is(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16)[:1])
     with_landmarks(folder, seen=1)
-    line = call("register", folder, code=1)
+    line = refused("register", folder)
     assert "1 mapola(s) give 3 numbers for 7 parameters" in line
 
 
@@ -332,7 +287,7 @@ def test_a_sphere_without_relief_gives_no_number_or_a_finding(
 
 def test_lidar_of_another_body_gives_no_number(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16), other=500)
-    line = call("register", folder, code=1)
+    line = refused("register", folder)
     assert "the same body and frame" in line
     assert_refused(folder, "no-match")
 
@@ -344,15 +299,15 @@ def test_a_turn_of_mapolas_against_their_maplets_is_found_whole_and_is_doubtful(
     turn = np.array([0.3, -0.2, 1.4])
     planted = Similarity.from_rotation_vector(np.radians(turn), np.zeros(3), 1.0, "spc", "lidar")
     folder = made(tmp_path / "WS", lattice(16), planted=planted)
-    line = call("register", folder, code=1)
+    line = refused("register", folder)
     assert "--accept large-rotation" in line
     content = content_of(folder)
     assert content["verdict"] == "doubtful"
     off = np.array(content["rotation_deg"]) - turn
     assert np.all(np.abs(off) < 4 * np.array(content["rotation_sigma_deg"]))
     assert np.all(np.abs(off) < 0.02)
-    assert "[large-rotation]" in call("fuse", folder, code=1)
-    assert call("fuse", folder, "--accept", "large-rotation")["maplets"] == 16
+    assert "[large-rotation]" in refused("fuse", folder)
+    assert called("fuse", folder, "--accept", "large-rotation")["summary"]["maplets"] == 16
 
 
 def assert_refused(folder: Path, code: str) -> None:
@@ -361,11 +316,11 @@ def assert_refused(folder: Path, code: str) -> None:
     assert content["verdict"] == "refused"
     assert code in [found["code"] for found in content["findings"]]
     assert all(content[key] is None for key in GIVEN)
-    assert f"[{code}]" in call("fuse", folder, code=1)
-    assert f"[{code}]" in call("fuse", folder, "--accept", code, code=1)
+    assert f"[{code}]" in refused("fuse", folder)
+    assert f"[{code}]" in refused("fuse", folder, "--accept", code)
     elsewhere = folder.parent / "elsewhere.json"
     shutil.copy(folder / "registration.json", elsewhere)
-    line = call("register", folder, "--apply", elsewhere, code=1)
+    line = refused("register", folder, "--apply", elsewhere)
     assert "is from a registration that was refused" in line
 
 
@@ -375,10 +330,9 @@ def test_a_stage_reports_how_it_closes_the_edges_of_its_shape(tmp_path: Path) ->
     vertices[0, 4, 1] *= 1.003
     write_icq(folder / "SHAPEFILES" / "SHAPE.TXT", IcqShape(vertices))
     note = "1 of 60 pairs of labels that name one vertex differ"
-    result = CliRunner().invoke(app, ["register", str(folder), "--against", "shape"])
-    assert note in result.stderr
-    # Against maplets the shape is not looked at.
-    assert note not in CliRunner().invoke(app, ["register", str(folder)]).stderr
+    for options, reported in ((["--against", "shape"], True), ([], False)):
+        result = CliRunner().invoke(app, ["register", str(folder), *options])
+        assert (note in result.stderr) == reported
 
 
 @pytest.mark.parametrize("filled", [0.71, 0.5])
@@ -393,7 +347,7 @@ def test_mapolas_with_gaps_are_registered(tmp_path: Path, filled: float) -> None
 
 
 def test_mapolas_too_thin_to_match_are_refused_with_a_suitable_gsd(tmp_path: Path) -> None:
-    line = call("register", made(tmp_path / "WS", lattice(16), filled=0.2), code=1)
+    line = refused("register", made(tmp_path / "WS", lattice(16), filled=0.2))
     # Twenty hundredths are filled by 0.22 returns in a cell, eighty by 1.6.
     wanted = GSD * np.sqrt(np.log(0.2) / np.log(0.8))
     assert f"gsd_m = {wanted:.2g} about 80% would" in line

@@ -10,20 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from fusion.cli.app import app
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.stages.scale.rescaling import usable_epsilon
-from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
+from spcola.camera import Camera
+from spcola.camera.linescan import LineScan, LineScanImage
 from spcola.errors import NotObservableError
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
+from spcola.formats.solution.line_scan import write_line_scan
 
 
 def digests(folder):
@@ -40,11 +36,17 @@ def applied(tmp_path_factory):
     """A mission, its workspace, what the command printed, and the solution's digests before."""
     root = tmp_path_factory.mktemp("apply")
     # A scale ten times that of Bennu's largest day, so that it stands out on a small body.
-    run("truth", "make", root / "M", "--preset", "tiny", "--seed", 3, "--set", "epsilon=0.0025")
-    run("init", root / "WS", "--spc", root / "M" / "spc", "--body", "Truth")
-    run("import", root / "WS", *sorted((root / "M" / "lidar").iterdir()))
+    call("truth", "make", root / "M", "--preset", "tiny", "--seed", 3, "--set", "epsilon=0.0025")
+    call("init", root / "WS", "--spc", root / "M" / "spc", "--body", "Truth")
+    call("import", root / "WS", *sorted((root / "M" / "lidar").iterdir()))
+    camera = Camera(700.0, [200.5, 1.0], [[0, 142.9, 0], [142.9, 0, 0]], 400, 1)
+    scan = LineScan(camera, np.arange(3.0), np.full((3, 3), 500.0), np.tile(np.eye(3), (3, 1, 1)))
+    write_line_scan(
+        Workspace.open(root / "WS").line_scan_path("L1"),
+        LineScanImage("L1", scan, np.array([1.0, 0.0, 0.0])),
+    )
     before = digests(root / "M" / "spc")
-    printed = run("scale", root / "WS", "--apply", "--as", "C", "--json")
+    printed = call("scale", root / "WS", "--apply", "--as", "C", "--json")
     return root, json.loads(printed.stdout), before
 
 
@@ -64,6 +66,16 @@ def test_the_command_prints_what_it_wrote(applied):
     scale = hashlib.sha256((root / "WS" / "scale.json").read_bytes()).hexdigest()
     assert record.digests == {"scale.json": scale}
     assert datetime.fromisoformat(record.made).tzinfo is not None
+
+
+def test_a_line_scan_is_scaled_and_named_as_not_used(applied):
+    root, content, _ = applied
+    left = content["summary"]["images_not_used"]
+    assert (left["code"], left["images"]) == ("line-scan", ["L1"])
+    factor = 1.0 + content["applied"]["epsilon"]
+    found = scaled(root).line_scan("L1").scan
+    np.testing.assert_allclose(found.positions, 500.0 * factor, rtol=1e-15)
+    np.testing.assert_array_equal(found.times, np.arange(3.0))
 
 
 def test_the_original_is_untouched_and_still_in_use(applied):
@@ -105,7 +117,7 @@ def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
     root, content, _ = applied
     first = content["summary"]
     assert abs(first["epsilon"]) > 5 * first["epsilon_sigma"]
-    again = json.loads(run("scale", root / "WS", "--solution", "C", "--json").stdout)["summary"]
+    again = json.loads(call("scale", root / "WS", "--solution", "C", "--json").stdout)["summary"]
     assert abs(again["epsilon"]) < 2 * again["epsilon_sigma"]
     assert abs(again["n_used"] - first["n_used"]) <= 3
 
@@ -113,7 +125,7 @@ def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
 def test_the_difference_is_the_scale_alone(applied, tmp_path):
     root, content, _ = applied
     picture = tmp_path / "diff.png"
-    printed = run("solution", "diff", root / "WS", "imported", "C", "-o", picture, "--json")
+    printed = call("solution", "diff", root / "WS", "imported", "C", "-o", picture, "--json")
     found, factor = json.loads(printed.stdout), 1.0 + content["applied"]["epsilon"]
     assert found["maplets"] == 24
     assert found["common_scale"] == pytest.approx(factor, abs=1e-8)
@@ -126,7 +138,7 @@ def test_the_difference_is_the_scale_alone(applied, tmp_path):
 
 def test_what_exists_is_not_written_over(applied):
     root, _, _ = applied
-    result = run("scale", root / "WS", "--apply", "--as", "C", code=1)
+    result = call("scale", root / "WS", "--apply", "--as", "C", code=1)
     assert "a solution 'C' already" in result.stderr
 
 
@@ -141,7 +153,7 @@ def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
         settings.read_text().replace("max_emission_deg = 60.0", "max_emission_deg = 0.001")
     )
     accepted = ("--accept", "changed-input")
-    result = run("scale", alone, "--apply", "--as", "D", *accepted, code=1)
+    result = call("scale", alone, "--apply", "--as", "D", *accepted, code=1)
     assert "the result of scale is refused" in result.stderr
     assert "[scale-not-observed]" in result.stderr
     assert not (alone / "solutions" / "D").exists()
@@ -149,7 +161,7 @@ def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
 
 def test_a_name_needs_apply(applied):
     root, _, _ = applied
-    assert run("scale", root / "WS", "--as", "D", code=2).stdout == ""
+    assert call("scale", root / "WS", "--as", "D", code=2).stdout == ""
 
 
 def content_with(*findings, **change):

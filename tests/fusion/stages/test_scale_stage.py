@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from command_line import call, called
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
@@ -16,20 +17,14 @@ def ryugu(shared_data, tmp_path_factory):
     """A workspace with Ryugu's shape and shots, by the real commands."""
     folder = tmp_path_factory.mktemp("ryugu") / "WS"
     data = shared_data / "ryugu"
-    run("init", folder, "--shape", data / "ryugu_sfm_v20180804_decimated.obj", "--body", "Ryugu")
-    run("import", folder, data / "hyb2_ldr_l2_aocsm_topo_ts_20180701_odd_rows.csv")
+    call("init", folder, "--shape", data / "ryugu_sfm_v20180804_decimated.obj", "--body", "Ryugu")
+    call("import", folder, data / "hyb2_ldr_l2_aocsm_topo_ts_20180701_odd_rows.csv")
     return folder
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 @pytest.mark.real_data
 def test_ryugu_shots_through_the_command_line(ryugu):
-    summary = json.loads(run("scale", ryugu, "--method", "shots", "--json"))["summary"]
+    summary = called("scale", ryugu, "--method", "shots")["summary"]
     content = json.loads((ryugu / "scale.json").read_text())
     assert content["epsilon"] == summary["epsilon"]
     assert len(content["per_shot"]) == 26
@@ -70,7 +65,7 @@ def test_ryugu_shots_with_a_footprint_and_pointing(ryugu, tmp_path):
     text = settings.read_text().replace("footprint_mrad = 0.0", "footprint_mrad = 1.5")
     text = text.replace("pointing_sigma_mrad = 0.0", "pointing_sigma_mrad = 0.5")
     settings.write_text(text)
-    run("scale", workspace, "--method", "shots")
+    call("scale", workspace, "--method", "shots")
     content = json.loads((workspace / "scale.json").read_text())
     assert content["assumed"]["footprint_mrad"] == pytest.approx(1.5)
     assert content["assumed"]["pointing_sigma_mrad"] == pytest.approx(0.5)
@@ -100,8 +95,8 @@ def test_ryugu_turned_is_recognised_as_a_misfit(ryugu, shared_data, tmp_path, tu
         shutil.rmtree(workspace / left)
     (workspace / "catalog.sqlite").unlink()
     (workspace / "scans").mkdir()
-    run("import", workspace, turned)
-    printed = run("scale", workspace, "--method", "shots", code=1)
+    call("import", workspace, turned)
+    printed = call("scale", workspace, "--method", "shots", code=1).output
     assert "verdict: refused" in printed
     assert "[shots-fit-elsewhere]" in printed
     content = json.loads((workspace / "scale.json").read_text())
@@ -125,7 +120,7 @@ def test_an_insignificant_epsilon_is_not_applied_unless_it_is_accepted(ryugu, tm
     assert "epsilon-not-significant" in printed.output
     assert not scaled.exists()
     codes = ("epsilon-not-determined", "epsilon-not-separable", "epsilon-not-significant")
-    run(*apply, *(part for code in codes for part in ("--accept", code)))
+    call(*apply, *(part for code in codes for part in ("--accept", code)))
     assert (scaled / "solution.json").is_file()
 
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from fusion.runtime import Progress, ThreadExecutor
 from fusion.truth import PRESETS, make_mission, mission_size, read_truth
 from fusion.truth.assessment import assess
 from fusion.truth.assessment.model import MeshModel
-from fusion.truth.blind.plan import plan_blind
+from fusion.truth.blind.plan import blind_stations, plan_blind
 from fusion.truth.blind.settings import BlindSettings, blind, blind_full, blind_small
 from fusion.truth.mission import TRUTH_FILE
 from fusion.truth.planted import Planted
@@ -30,6 +31,7 @@ from spcola.shape import Mesh
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.spice import KernelSet, body_fixed_states
 from spcola.truth.campaign import CampaignSettings
+from spcola.truth.campaign.cameras import looking
 from spcola.truth.kernels.names import BODY, SPACECRAFT
 from spcola.truth.solid import SolidBody
 
@@ -218,7 +220,7 @@ def test_the_presets_have_the_phases_of_the_paper() -> None:
     assert 0.003 < exposures.min() < exposures.max() < 0.2
     for preset in (blind_small, blind, blind_full):
         size = mission_size(preset(1))
-        assert size.images == preset(1).campaign.images
+        assert size.images == preset(1).campaign.images + (42 if preset is blind else 0)
         assert size.maplets == 0
     one = TINY.campaign.legs[0]
     twice = replace(TINY.campaign, legs=(one, replace(one, day=one.day)))
@@ -230,6 +232,22 @@ def test_the_presets_have_the_phases_of_the_paper() -> None:
     assert plan_blind(nothing).images == ()
     with pytest.raises(SettingsError, match="blind"):
         replace(TINY, spc=True)
+
+
+def test_every_fine_site_is_seen_by_the_finest_images() -> None:
+    settings = blind(1)
+    stations = blind_stations(settings)
+    times = np.array([station.time for station in stations])
+    assert (np.diff(times) > 0.01).all()
+    assert len(stations) == 375 + 42
+    for site in settings.solid.sites:
+        ground = settings.body.radius * site.direction
+        seen = 0
+        for station in stations:
+            x, y, z = looking(station.position, station.target) @ (ground - station.position)
+            inside = max(abs(x), abs(y)) < 400 * station.camera.pixel_angle * z
+            seen += inside and z * station.camera.pixel_angle <= 0.06
+        assert seen >= 3
 
 
 def test_a_body_is_built_on_a_given_shape_by_the_command(tmp_path: Path) -> None:
@@ -265,6 +283,19 @@ def test_only_blind_missions_take_a_base(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 1
     assert "no.obj: cannot be read" in result.stderr
+    # Of another unit: too small for a body, or with too many boulders for memory.
+    small = IcqShape(icq_directions(3) * 250.0, name="base").mesh()
+    cases: list[tuple[Literal["m", "km"], float, str]] = [
+        ("m", 0.25, "mean radius of 0.2"),
+        ("km", 250e3, "too many"),
+    ]
+    for unit, radius, message in cases:
+        scaled = Mesh(small.vertices * radius / 250.0, small.facets)
+        write_obj_mesh(tmp_path / "base.obj", scaled, unit=unit)
+        arguments[6:] = [str(tmp_path / "base.obj"), "--base-unit", unit]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 1
+        assert message in result.stderr
 
 
 def test_by_the_command_line_from_making_to_import(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -163,7 +164,7 @@ def test_a_cluster_makes_the_same_bytes(shown: Demonstration, tmp_path: Path) ->
     workspace = Workspace.open(other)
     # Drawing the report is no work for a cluster.
     stages = [stage for stage in load_stages() if stage.name != "report"]
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         executor = ClusterExecutor(str(cluster.scheduler_address))
         runs = Pipeline(workspace, workspace.settings(), stages, executor).run(force=True)
         executor.close()
@@ -245,8 +246,22 @@ def command(*arguments: object) -> dict[str, Any]:
     return summary
 
 
-@pytest.mark.parametrize("against", ["maplets", "bigmap", "shape"])
-@pytest.mark.parametrize("model", ["rigid", "similarity", "affine"])
+# Each model and each surface; all pairs of them are slow.
+QUICK = {
+    ("rigid", "bigmap"),
+    ("similarity", "maplets"),
+    ("similarity", "shape"),
+    ("affine", "shape"),
+}
+
+
+@pytest.mark.parametrize(
+    ("model", "against"),
+    [
+        pytest.param(*pair, marks=() if pair in QUICK else pytest.mark.slow)
+        for pair in product(("rigid", "similarity", "affine"), ("maplets", "bigmap", "shape"))
+    ],
+)
 def test_mapolas_are_registered_by_every_model_against_every_surface(
     shown: Demonstration, copied: Path, model: str, against: str
 ) -> None:

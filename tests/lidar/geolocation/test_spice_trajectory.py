@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import kernel_files
 import numpy as np
 import pytest
 import spiceypy
+from kernel_files import image_times
 from scipy.spatial.transform import Rotation
 
 from lidar.geolocation import KernelPlace, MirrorAngles
 from spcola.errors import KernelError
-from spcola.navigation import SPICE_LOCK, Trajectory
+from spcola.navigation import Trajectory
 from spcola.spice import KernelSet, body_fixed_states, coverage
-from spcola.spice.daf import daf_segments, state_epochs
 
 BENNU = 2101955
 CRAFT = "-999"
@@ -39,18 +40,7 @@ def spk(path: Path, shift_m: np.ndarray, end: float = SPAN) -> Path:
     times = np.linspace(-100.0, end + 100.0, 30)
     place = np.array([500.0, -400.0, 300.0]) + shift_m + times[:, None] * [0.03, 0.04, 0.0]
     states = np.concatenate([place, np.tile([0.03, 0.04, 0.0], (30, 1))], axis=1) / 1000.0
-    with SPICE_LOCK:
-        handle = spiceypy.spkopn(str(path), "TEST", 0)
-        spiceypy.spkw09(
-            handle, -999, BENNU, "J2000", times[0], times[-1], "S", 1, len(times), states, times
-        )
-        spiceypy.spkcls(handle)
-    return path
-
-
-def image_times(path: Path) -> np.ndarray:
-    """Times of the states in an SPK that was made from images."""
-    return np.concatenate([state_epochs(one.values, path) for one in daf_segments(path)])
+    return kernel_files.spk(path, times, states)
 
 
 def located(kernels: KernelSet, times: np.ndarray) -> Trajectory:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from spcola.camera import Camera, ImagePoint, SpcImage
+from spcola.camera.owen_fit import camera_difference
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.solution import read_nominal, read_summary, write_nominal, write_summary
 from spcola.navigation import NominalState
@@ -220,10 +221,73 @@ def test_names_that_are_too_long_are_not_written(tmp_path):
     landmark = dataclasses.replace(image, landmarks=(ImagePoint("LONGNAME", 1, 2),))
     with pytest.raises(InvalidValueError, match="8 characters"):
         write_summary(tmp_path / "A", landmark)
-    lens = dataclasses.replace(image.camera, distortion_model="brown", distortion=np.zeros(5))
-    with pytest.raises(InvalidValueError, match="Owen's"):
+    lens = dataclasses.replace(image.camera, distortion_model="brown", distortion=np.ones(3))
+    with pytest.raises(InvalidValueError, match="coefficients, not 3"):
         write_summary(tmp_path / "A", dataclasses.replace(image, camera=lens))
     assert not (tmp_path / "A").exists()
+
+
+def with_lens(tmp_path, model, values):
+    image = read_text(tmp_path, GOOD)
+    lens = dataclasses.replace(image.camera, distortion_model=model, distortion=np.array(values))
+    return dataclasses.replace(image, camera=lens)
+
+
+def test_a_camera_that_owens_model_reproduces_needs_no_file(tmp_path):
+    # k1 of Brown's model is e2 f².
+    image = with_lens(tmp_path, "brown", [-0.2, 0.0, 0.0, 0.0])
+    write_summary(tmp_path / "A.SUM", image)
+    back = read_summary(tmp_path / "A.SUM").camera
+    assert back.distortion_model == "owen"
+    np.testing.assert_allclose(back.distortion, [-0.2 / 135.68**2, 0, 0, 0], rtol=1e-4)
+    assert not list(tmp_path.glob("CAMERA*"))
+
+
+def test_any_other_camera_is_kept_exactly_next_to_the_file(tmp_path):
+    image = with_lens(tmp_path, "brown", [-0.2, 0.5, 1e-3, -2e-3, 0.1])
+    first, second = tmp_path / "A.SUM", tmp_path / "B.SUM"
+    write_summary(first, image)
+    (camera_file,) = tmp_path.glob("CAMERA-*.toml")
+    back = read_summary(first)
+    assert back.camera.distortion_model == "brown"
+    for field in ("center", "k_matrix", "distortion"):
+        np.testing.assert_array_equal(getattr(back.camera, field), getattr(image.camera, field))
+    # Images with one camera share its file, and the layout of the old file is kept.
+    write_summary(second, back, like=first)
+    assert second.read_bytes() == first.read_bytes()
+    assert list(tmp_path.glob("CAMERA-*.toml")) == [camera_file]
+    # SPC's programs read up to END FILE: as good a camera as Owen's model can be.
+    lines = first.read_text().splitlines(keepends=True)
+    assert lines[-1].startswith(f"CAMERA {camera_file.name}, fitted above to ")
+    (tmp_path / "spc").mkdir()
+    fitted = read_text(tmp_path / "spc", "".join(lines[:-1])).camera
+    apart = camera_difference(image.camera, fitted)
+    assert f"{apart.rms_px:.3g} px rms, {apart.largest_px:.3g} px at most" in lines[-1]
+    assert 0.01 < apart.largest_px < 0.5
+    # They write the file without the line; in its folder it has its camera all the same.
+    second.write_text("".join(lines[:-1]))
+    assert read_summary(second).camera.distortion_model == "brown"
+
+
+def test_an_image_without_its_exact_camera_is_refused(tmp_path):
+    image = with_lens(tmp_path, "brown", [-0.2, 0.5, 1e-3, -2e-3, 0.1])
+    path = tmp_path / "A.SUM"
+    write_summary(path, image)
+    (camera_file,) = tmp_path.glob("CAMERA-*.toml")
+    text, camera = path.read_text(), camera_file.read_bytes()
+    camera_file.write_bytes(camera.replace(b"-0.2", b"-0.3"))
+    with pytest.raises(FormatError, match="is damaged, and the camera of "):
+        read_summary(path)
+    camera_file.unlink()
+    with pytest.raises(FormatError, match=f"{camera_file.name}, which is not there"):
+        read_summary(path)
+    camera_file.write_bytes(camera)
+    path.write_text(text.replace("0.1356800000D+03", "0.1357800000D+03"))
+    with pytest.raises(FormatError, match="its camera is not the fit to"):
+        read_summary(path)
+    path.write_text(text.replace(camera_file.name, "../secret.toml"))
+    with pytest.raises(FormatError, match="is no name of a camera file"):
+        read_summary(path)
 
 
 def test_nominal_fields_in_si(tmp_path):

@@ -21,18 +21,11 @@ def slopes_problem(size, gsd, rng):
     return HeightProblem(step_x, step_y, *edges, height, np.full((size, size), 0.1), mask)
 
 
-def test_converged_relaxation_is_the_solution():
+@pytest.mark.parametrize(("size", "draw", "sweeps"), [(15, 4, 6000), (99, 5, 5500)])
+def test_converged_relaxation_is_the_solution(size, draw, sweeps):
     gsd = 0.75
-    problem = slopes_problem(15, gsd, np.random.default_rng(4))
-    relaxed = relax(problem, sweeps=6000, seed=1)
-    solved = solve_heights(problem, options=SolverOptions(tolerance_m=1e-9)).height
-    np.testing.assert_allclose(relaxed, solved, atol=1e-6 * gsd, rtol=0)
-
-
-def test_relaxation_of_a_maplet_converges_to_the_solution():
-    gsd = 0.75
-    problem = slopes_problem(99, gsd, np.random.default_rng(5))
-    relaxed = relax(problem, sweeps=5500, seed=2)
+    problem = slopes_problem(size, gsd, np.random.default_rng(draw))
+    relaxed = relax(problem, sweeps=sweeps, seed=1)
     solved = solve_heights(problem, options=SolverOptions(tolerance_m=1e-9)).height
     np.testing.assert_allclose(relaxed, solved, atol=1e-6 * gsd, rtol=0)
 

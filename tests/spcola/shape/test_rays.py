@@ -185,7 +185,7 @@ def test_kernel_looks_at_neighbours_of_a_wrong_facet(body: Mesh) -> None:
     for wrong in ring:
         distance, facet = refine(
             (origins[100:101], -body.normals[100:101], np.array([49.0]), np.array([wrong])),
-            (np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.facets)),
+            (np.array(body.vertices), np.ascontiguousarray(body.facets)),
             (starts, around),
             (1e-3, 1e-10),
         )

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spiceypy
+from kernel_files import image_times, spk
 
 from spcola.errors import KernelError
 from spcola.formats.shapes import read_obj_mesh
-from spcola.navigation import SPICE_LOCK, et_from_utc, utc_from_et
+from spcola.navigation import et_from_utc, utc_from_et
 from spcola.shape import RayCaster
 from spcola.spice import KernelSet, body_fixed_states
-from spcola.spice.daf import daf_segments, state_epochs
 
 BENNU = 2101955
 PCK = """KPL/PCK
@@ -27,21 +27,6 @@ A comment that says BODY2101955_PM = ( 1.0 2.0 ) is no data.
 def pck(folder: Path, name: str, w0: str) -> Path:
     path = folder / name
     path.write_text(PCK.format(w0=w0))
-    return path
-
-
-def image_times(path: Path) -> np.ndarray:
-    """Times of the states in an SPK that was made from images."""
-    return np.concatenate([state_epochs(one.values, path) for one in daf_segments(path)])
-
-
-def spk(path: Path, times: np.ndarray, states_km: np.ndarray) -> Path:
-    with SPICE_LOCK:
-        handle = spiceypy.spkopn(str(path), "TEST", 0)
-        spiceypy.spkw09(
-            handle, -999, BENNU, "J2000", times[0], times[-1], "S", 1, len(times), states_km, times
-        )
-        spiceypy.spkcls(handle)
     return path
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,13 @@ RADIUS, DISTANCE = 60.0, 2400.0
 DIRECTION = np.array([0.6, -0.64, 0.48])
 SUN = np.array([0.96, 0.0, 0.28])
 BODY = TruthBody(BodySettings.sphere(RADIUS))
-SURFACE = SampledSurface(BODY, 0.5)
 EXACT = ImageSettings(noise=False, bits=16)
+
+
+@cache
+def surface() -> SampledSurface:
+    """The body's surface, made by the first test and not when tests are collected."""
+    return SampledSurface(BODY, 0.5)
 
 
 def an_image(detector: int = 200, camera: Camera | None = None) -> SpcImage:
@@ -35,7 +41,7 @@ def an_image(detector: int = 200, camera: Camera | None = None) -> SpcImage:
 
 def rendered(image: SpcImage, settings: ImageSettings = EXACT, seed: int = 0) -> Rendered:
     generator = np.random.default_rng(seed)
-    return render_image(SURFACE, BODY, image, settings=settings, generator=generator)
+    return render_image(surface(), BODY, image, settings=settings, generator=generator)
 
 
 def beams_of(image: SpcImage) -> np.ndarray:
@@ -68,7 +74,7 @@ def test_the_disc_has_the_size_that_geometry_says() -> None:
 def test_the_sun_shines_up_to_the_terminator() -> None:
     found = rendered(an_image())
     cosine = np.cos(found.incidence)
-    dip = np.sqrt(2 * 0.01 * SURFACE.spacing / RADIUS) + 1e-3
+    dip = np.sqrt(2 * 0.01 * surface().spacing / RADIUS) + 1e-3
     assert found.lit[found.hit & (cosine > 1e-6)].all()
     assert not found.lit[~found.hit | (cosine < -dip)].any()
     assert (found.iof[~found.lit] == 0).all()

@@ -14,8 +14,9 @@ from spcola.grids import MapletGrid
 from spcola.math import lattice
 from spcola.shape import Mesh, RayCaster
 from spcola.shape.icq import IcqShape, icq_directions
-from spcola.truth.body import BOULDER, BodySettings
-from spcola.truth.solid import SolidBody, SolidSettings
+from spcola.truth.body import BOULDER, BodySettings, TruthBody
+from spcola.truth.body.relief import PowerLaw
+from spcola.truth.solid import FineSite, SolidBody, SolidSettings
 from spcola.truth.solid.overhangs import Cliff, UndercutBoulder
 from spcola.truth.solid.refining import SmoothMesh, refined
 
@@ -217,19 +218,52 @@ def test_a_given_base_is_kept(shared_data: Path) -> None:
     assert is_closed(relief.surface_mesh.facets)
 
 
-def test_a_base_with_a_hole_or_inside_out_is_refused() -> None:
-    whole = IcqShape(RADIUS * icq_directions(6), name="base").mesh()
-    with pytest.raises(InvalidValueError, match="base: is not closed"):
-        SolidBody(SPHERE, PLAIN, base=Mesh(whole.vertices, whole.facets[1:], "base"))
-    with pytest.raises(InvalidValueError, match="facets inward"):
-        SolidBody(SPHERE, PLAIN, base=Mesh(whole.vertices, whole.facets[:, ::-1], "base"))
+def test_a_base_that_is_no_body_is_refused() -> None:
+    base = IcqShape(RADIUS * icq_directions(6), name="base").mesh()
+    v, f = base.vertices, base.facets
+    turned = f.copy()
+    turned[7] = f[7, ::-1]
+    for vertices, facets, message in (
+        (v, f[1:], "base: is not closed: 3 edges"),
+        (v, f[:, ::-1], "facets inward"),
+        (v, turned, "face the other way than their neighbours, on 3 edges"),
+        (v, np.vstack([f, f[:1]]), "3 edges of more than two facets"),
+        (np.vstack([v, 0.3 * v]), np.vstack([f, f + len(v)]), "2 separate pieces"),
+        (v + np.array([2.0 * RADIUS, 0.0, 0.0]), f, "does not have the origin inside"),
+    ):
+        with pytest.raises(InvalidValueError, match=message):
+            SolidBody(SPHERE, PLAIN, base=Mesh(vertices, facets, "base"))
+
+
+def test_a_fine_site_has_rocks_and_albedo_at_its_scale() -> None:
+    """Heights and albedo vary down to decimetres on the site, and the mesh stays closed."""
+    settings = BodySettings(seed=3, radius=RADIUS, shortest=0.2, smallest_rock=0.2)
+    site = FineSite(10.0, 40.0, diameter=4.0, spacing=0.15)
+    body = SolidBody(settings, replace(PLAIN, sites=(site,)))
+    assert is_closed(body.surface_mesh.facets)
+    expected = body.solid.facets(RADIUS)
+    assert len(body.surface_mesh.facets) == pytest.approx(expected, rel=0.5)
+    place = body.outermost_radius(site.direction[None])[0] * site.direction
+    corners = body.surface_mesh.vertices[body.surface_mesh.facets]
+    away = np.sqrt(np.sum((corners - place) ** 2, axis=2)).max(axis=1)
+    edges = np.sqrt(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2))
+    # Relief stretches the edges of the smooth base.
+    assert np.median(edges[away < 2.0]) < site.spacing
+    assert np.median(edges[away > 12.0]) > 0.5
+    fine = corners[away < 2.0].mean(axis=1)
+    truth = TruthBody(settings)
+    error = np.sqrt(np.sum(fine**2, axis=1)) - truth.radius(fine)
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    albedo = body.albedo(fine) - TruthBody(replace(settings, shortest=1.2)).albedo(fine)
+    assert albedo.std() > 0.01
 
 
 @pytest.mark.real_data
 def test_a_base_may_have_several_radii_itself(shared_data: Path) -> None:
     """The two lobes of 67P; a boulder on them is as undercut as on a sphere."""
     base = read_shape(shared_data / "rosetta_67p" / "navcam" / "67p-4k.obj")
-    settings = BodySettings(seed=1, radius=base.mean_radius)
+    # Millions of pebbles, as on a small body, would hardly be seen at this spacing.
+    settings = BodySettings(seed=1, radius=base.mean_radius, boulders=PowerLaw(1e4, 2.7, 4.0, 10.0))
     solid = replace(PLAIN, spacing=200.0, boulders=2, smallest=300.0, largest=400.0)
     body = SolidBody(settings, solid, base=base)
     assert is_closed(body.surface_mesh.facets)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -34,7 +36,10 @@ def joined(one: Mesh, other: Mesh, offset: np.ndarray) -> Mesh:
     return Mesh(vertices, np.concatenate([one.facets, other.facets + len(one.vertices)]))
 
 
-SURFACE = MeshSurface(RayCaster(joined(sphere(GROUND, Q), sphere(BALL, Q), CENTER)))
+@cache
+def surface():
+    """The spheres, made by the first test and not when tests are collected."""
+    return MeshSurface(RayCaster(joined(sphere(GROUND, Q), sphere(BALL, Q), CENTER)))
 
 
 def ball_in_the_way(points: np.ndarray, toward: np.ndarray, radius: float) -> np.ndarray:
@@ -48,11 +53,11 @@ def ball_in_the_way(points: np.ndarray, toward: np.ndarray, radius: float) -> np
 def test_the_shadow_of_a_ball_ends_where_the_formula_says() -> None:
     sun = np.array([0.96, 0.0, 0.28])
     points = GROUND * (1.0 - 1e-5) * lattice(60_000)
-    hits = SURFACE.cast(2.0 * points, -points)
+    hits = surface().cast(2.0 * points, -points)
     ground = np.abs(np.linalg.norm(hits.points, axis=1) - GROUND) < 2 * SAG
     day = hits.points @ sun > 3.0
     points = hits.points[ground & day]
-    dark = SURFACE.occluded(points, sun)
+    dark = surface().occluded(points, sun)
     inner, outer = (ball_in_the_way(points, sun, BALL + d) for d in (-0.03, 0.03))
     assert inner.sum() > 80
     assert dark[inner].all()
@@ -65,7 +70,7 @@ def test_a_camera_sees_no_ground_behind_the_ball() -> None:
     points = points[np.linalg.norm(points - CENTER, axis=1) > BALL + 0.05]
     beams = points - camera
     distance = np.linalg.norm(beams, axis=1)
-    hits = SURFACE.cast(camera, beams)
+    hits = surface().cast(camera, beams)
     facing = points @ camera / GROUND > GROUND + 4.0
     seen = hits.distance > distance - 0.05
     toward = -beams / distance[:, None]
@@ -80,7 +85,9 @@ def test_an_image_shows_the_limb_of_the_ball_and_its_shadow() -> None:
     image = an_image(detector=240)
     settings = ImageSettings(noise=False, bits=16)
     body = TruthBody(BodySettings.sphere(GROUND))
-    got = render_image(SURFACE, body, image, settings=settings, generator=np.random.default_rng(0))
+    got = render_image(
+        surface(), body, image, settings=settings, generator=np.random.default_rng(0)
+    )
     line, pixel = np.indices(got.hit.shape) + 1.0
     beams = ray(image, pixel.ravel(), line.ravel())
     start = image.position
@@ -105,7 +112,7 @@ def test_sheets_above_a_place_are_all_found_and_never_guessed() -> None:
     axes = np.linalg.qr(np.column_stack([AWAY, np.eye(3)[:, :2]]))[0].T
     axes = np.stack([axes[1], np.cross(AWAY, axes[1]), AWAY])
     grid = MapletGrid(GROUND * AWAY, axes, 0.5, 16)
-    sheets = sheets_of(SURFACE.caster, grid)
+    sheets = sheets_of(surface().caster, grid)
     steps = 0.5 * np.arange(-16, 17)
     away = np.hypot(*np.meshgrid(steps, steps))
     below = np.sqrt(GROUND**2 - away**2) - GROUND

@@ -60,13 +60,18 @@ def assess_versions(
     executor : Executor
     progress : Progress
     settings : AssessmentSettings, optional
+
+    Raises
+    ------
+    SpcolaError
+        If a solution is damaged.
     """
     settings = settings or AssessmentSettings()
+    records = in_order(solutions_of(workspace).sound())
     body = planted.body()
     with progress.task("light", 1) as task:
         ground = Ground(body, light_on(planted, body), settings)
         task.advance()
-    records = in_order(solutions_of(workspace))
     there = {one.name: replace(workspace, solution=one.name) for one in records}
     found = []
     for record in records:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from fusion.verdict import Code
+from fusion.estimation.verdict import Code
 from fusion.workspace.settings.ranges import (
     Angle,
     Fraction,

@@ -7,25 +7,29 @@ from pathlib import Path
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.errors import FormatError
-from spcola.formats.images import reading_fits
+from spcola.formats.images import open_image
 
 
-def read_star_image(path: str | Path) -> FloatArray:
-    """Return the pixels (H, W) of the first image in a FITS file; its first row is line 1.
+def read_star_image(path: str | Path, *, size: tuple[int, int]) -> FloatArray:
+    """Return the pixels (H, W) of an image file of any format; its first row is line 1.
 
     Parameters
     ----------
     path : str or Path
+    size : (2,) of int
+        Width and height of the camera, for a .DAT file: it has no header.
+
+    Returns
+    -------
+    ndarray
+        NaN where the file marks pixels as missing or saturated.
 
     Raises
     ------
     FormatError
-        If it is not FITS, is cut off, or has no image with two axes.
+        If the format is unknown, or label and pixels contradict each other.
     """
-    with reading_fits(path) as units:
-        arrays = [np.array(unit.data, dtype=np.float64) for unit in units if unit.data is not None]
-    images = [array for array in arrays if array.ndim == 2]
-    if not images:
-        raise FormatError("has no image with two axes", path)
-    return images[0]
+    path = Path(path)
+    pixels = open_image(path, size=size if path.suffix.upper() == ".DAT" else None).read()
+    values: FloatArray = np.where(pixels.valid, pixels.values.astype(np.float64), np.nan)
+    return values

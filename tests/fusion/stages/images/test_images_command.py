@@ -8,117 +8,35 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from astropy.io import fits
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.pipeline.solutions import MadeBy, making_solution
-from fusion.stages.images import Turn, importing
+from fusion.stages.images import importing
 from fusion.stages.images.catalogue import count_images, read_catalogue, write_catalogue
 from fusion.workspace import Workspace, new_workspace
-from spcola.camera import Camera, SpcImage
 from spcola.camera.instrument import Instrument
 from spcola.formats.cameras import write_cameras
 from spcola.formats.images import read_image_data, write_image_data
-from spcola.formats.shapes import write_obj_mesh
 from spcola.formats.solution import read_list, write_list, write_summary
 from spcola.imagematching.frames import render_frame
-from spcola.navigation import et_from_utc, utc_from_et
-from spcola.shape import Mesh, RayCaster
+from spcola.shape import RayCaster
 
-SIZE = 128
-CAMERA = Camera(125.2, [64.5, 64.5], [[117.6, 0, 0], [0, 117.6, 0]], SIZE, SIZE)
-START = et_from_utc("2019-03-03T10:59:40")
-SUN = np.array([0.6, -0.64, 0.48])
-
-
-def call(*arguments, code=0):
-    result = CliRunner().invoke(app, list(map(str, arguments)))
-    assert result.exit_code == code, result.output + result.stderr
-    return result
-
-
-def content(*arguments):
-    return json.loads(call(*arguments, "--json").stdout)
-
-
-def refusal(*arguments):
-    (line,) = call(*arguments, code=1).stderr.splitlines()
-    return line
-
-
-def shape_of():
-    """A box with three different sides and a wedge: no symmetry."""
-    x, y, z = 150.0, 100.0, 70.0
-    low = [[-x, -y, -z], [x, -y, -z], [x, y, -z], [-x, y, -z]]
-    top = [[-x, -y, z], [0.2 * x, -y, z], [x, y, 0.6 * z], [-x, 0.5 * y, 2.0 * z]]
-    quads = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-    facets = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
-    return Mesh(np.array(low + top), np.array(facets), "box")
-
-
-def image_at(number):
-    away = Rotation.from_euler("ZX", [15.0 * number, 12.0 * number], degrees=True).apply(
-        [0.5, -0.7, 0.5]
-    )
-    place = 70_000.0 * away / np.linalg.norm(away)
-    looking = Rotation.align_vectors([[0, 0, 1.0]], [-place])[0]
-    axes = (Rotation.from_rotvec([0.0002, 0.0003, number]) * looking).as_matrix()
-    utc = utc_from_et(START + 60.0 * number)
-    return SpcImage(f"P{number:04d}", utc, CAMERA, -place, axes, SUN / np.linalg.norm(SUN))
-
-
-def fits_file(path, dn, number=0, **header):
-    unit = fits.PrimaryHDU(dn)
-    unit.header["DATE-OBS"] = utc_from_et(START + 60.0 * number - 0.01, 6)
-    unit.header["EXPTIME"] = 0.02
-    unit.header.update(header)
-    unit.writeto(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def given(tmp_path_factory):
-    """A folder with six images, a table of their poses, a camera file and a shape."""
-    folder = tmp_path_factory.mktemp("given")
-    mesh = shape_of()
-    write_obj_mesh(folder / "box.obj", mesh)
-    caster, rng = RayCaster(mesh), np.random.default_rng(1)
-    lines = ["image,utc,v0x_m,v0y_m,v0z_m,cxx,cxy,cxz,cyx,cyy,cyz,czx,czy,czz,sunx,suny,sunz"]
-    for number in range(6):
-        image = image_at(number)
-        frame = 3000.0 * render_frame(caster, image).brightness + rng.normal(200, 5, (SIZE, SIZE))
-        fits_file(folder / f"frame_of_a_mission_{number}.fit", frame.astype(np.uint16), number)
-        values = [*image.scobj, *image.axes.ravel(), *image.sun]
-        name = f"frame_of_a_mission_{number}"
-        lines.append(",".join([name, image.utc, *(repr(float(v)) for v in values)]))
-    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
-    write_cameras(folder / "camera.toml", [Instrument("NAC", CAMERA, None, None, None)])
-    return folder
-
-
-@pytest.fixture
-def made(given, tmp_path):
-    return new_workspace(tmp_path / "ws", body="Box", shape=given / "box.obj")
-
-
-def files(given, *numbers):
-    return [given / f"frame_of_a_mission_{n}.fit" for n in (numbers or range(6))]
-
-
-def states(given):
-    return ["--poses", given / "poses.csv", "--camera", given / "camera.toml"]
-
-
-def tree(root):
-    """All files but those of work, by their names."""
-    return {
-        path.relative_to(root).as_posix(): path.read_bytes()
-        for path in sorted(root.rglob("*"))
-        if path.is_file() and not path.relative_to(root).parts[0].startswith(".")
-    }
+from .box_mission import (
+    CAMERA,
+    SIZE,
+    START,
+    call,
+    content,
+    files,
+    fits_file,
+    image_at,
+    refusal,
+    shape_of,
+    states,
+    tree,
+)
 
 
 def test_pixels_states_and_catalogue_come_in(given, made):
@@ -289,107 +207,6 @@ def test_files_that_are_there_are_not_replaced(given, made):
     assert record["state"]["source"] == "sum"
 
 
-def test_other_settings_for_the_same_image_are_refused(given, made):
-    call("images", made.root, *files(given, 0))
-    line = refusal("images", made.root, *files(given, 0), "--orientation", "mirrored-lines")
-    assert "with other --dark" in line
-
-
-def test_dark_flat_bits_filter_and_letter(given, made, tmp_path):
-    with fits.open(files(given, 0)[0]) as opened:
-        raw = opened[0].data.astype(float)
-    flat = np.linspace(0.5, 1.5, SIZE)[None, :] * np.ones((SIZE, 1))
-    dark = np.full((SIZE, SIZE), 200.0)
-    for name, frame in (("dark.fit", dark), ("flat.fit", flat)):
-        fits_file(tmp_path / name, frame)
-    red = fits_file(tmp_path / "a.fit", raw.astype(np.uint16), FILTER="RED")
-    blue = fits_file(tmp_path / "b.fit", raw.astype(np.uint16)[::-1], FILTER="BLUE")
-    found = content(
-        "images", made.root, red, blue, "--dark", tmp_path / "dark.fit", "--flat",
-        tmp_path / "flat.fit", "--bits", 8, "--filter", "RED", "--letter", "Q",
-    )  # fmt: skip
-    assert found["filtered"] == 1
-    (record,) = found["new"]
-    assert record["name"].startswith("Q")
-    assert record["name"].endswith("RE")
-    assert record["pixels"]["bits"] == 8
-    dn = read_image_data(made.exposure_path(record["name"]), SIZE, SIZE)
-    bright = raw > 1000
-    wanted = ((raw - 200.0) / (flat / flat.mean()) * record["pixels"]["gain"])[bright]
-    np.testing.assert_allclose(dn[bright], wanted, atol=0.51)
-
-
-def test_triage_finds_planted_orientations_and_flags(given, made, tmp_path):
-    call("images", made.root, *files(given), *states(given))
-    call("images", made.root, "--report", "--thumbnails")
-    found = content("images", made.root, "--report")
-    assert found["counts"]["limb"] == 6
-    assert found["orientations"] == {"as-stored": 6}
-    assert max(found["offset_rms_px"]) < 0.5
-    for number, one in enumerate(found["images"]):
-        planted = image_at(number)
-        assert one["resolution_m"] == pytest.approx(one["range_m"] * CAMERA.pixel_angle)
-        assert one["range_m"] == pytest.approx(70_000.0, abs=300.0)
-        away = planted.position / np.linalg.norm(planted.position)
-        phase = np.degrees(np.arccos(away @ planted.sun))
-        assert one["phase_deg"] == pytest.approx(phase, abs=0.2)
-        assert one["fit"]["overlap"] > 0.95
-        assert not one["flags"]
-    page = (made.root / "images.html").read_text()
-    assert page.count("<img") == 0
-    assert all(one["name"] in page for one in found["images"])
-
-
-@pytest.mark.parametrize("turn", [Turn.MIRRORED_SAMPLES, Turn.HALF_TURN, Turn.TRANSPOSED])
-def test_a_turned_image_is_named_and_comes_in_right(given, made, tmp_path, turn):
-    with fits.open(files(given, 0)[0]) as opened:
-        dn = opened[0].data.astype(np.uint16)
-    path = fits_file(tmp_path / "frame_of_a_mission_0.fit", turn.orientation.undo(dn))
-    (record,) = content("images", made.root, path, *states(given))["new"]
-    found = content("images", made.root, "--report")
-    (one,) = found["images"]
-    assert one["fit"]["turn"] == str(turn)
-    assert one["flags"] == ["mirrored" if turn.mirrored else "turned"]
-    (line,) = found["doubtful"]
-    assert f"--orientation {turn}" in line
-    for part in (made.exposure_path(record["name"]), made.image_path(record["name"])):
-        part.unlink()
-    call("images", made.root, path, *states(given), "--orientation", turn)
-    np.testing.assert_array_equal(
-        read_image_data(made.exposure_path(record["name"]), SIZE, SIZE), dn
-    )
-    (one,) = content("images", made.root, "--report")["images"]
-    assert one["fit"]["turn"] == "as-stored"
-    assert not one["flags"]
-
-
-def test_empty_overexposed_and_smeared_frames_are_flagged(given, made, tmp_path):
-    rng = np.random.default_rng(4)
-    with fits.open(files(given, 0)[0]) as opened:
-        dn = opened[0].data.astype(float)
-    size = 256
-    wide = np.kron(dn, np.ones((2, 2))) + rng.normal(0, 3, (size, size))
-    frames = {
-        "noise": rng.normal(300, 10, (size, size)),
-        "over": np.minimum(2.0 * wide, 3000.0),
-        "smear": wide + 0.4 * np.clip(wide - 300.0, 0, None).mean(axis=0),
-        "black": np.zeros((size, size)),
-        "good": wide,
-    }
-    for name, frame in frames.items():
-        fits_file(tmp_path / f"{name}.fit", frame.astype(np.uint16))
-    call("images", made.root, *(tmp_path / f"{name}.fit" for name in frames))
-    found = content("images", made.root, "--report")
-    flags = {one["name"]: set(one["flags"]) - {"no state"} for one in found["images"]}
-    assert flags == {
-        "noise": {"empty"}, "over": {"overexposed"}, "smear": {"smeared"}, "black": {"empty"},
-        "good": set(),
-    }  # fmt: skip
-    scenes = {one["name"]: one["scene"] for one in found["images"]}
-    assert scenes["noise"] == scenes["black"] == "no body"
-    assert scenes["good"] == "limb"
-
-
 def test_a_catalogue_of_many_images_is_counted_quickly(made, given):
     call("images", made.root, *files(given, 0))
     (record,) = read_catalogue(made).values()
@@ -436,43 +253,63 @@ def test_states_and_cameras_of_isd_files(made, tmp_path):
     np.testing.assert_allclose(found.position, [10_000.0, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(found.camera.center, [100.0, 50.0])
     np.testing.assert_allclose(found.sun, [1.0, 0.0, 0.0], atol=1e-9)
+    # A line scanner that flies along −y by 10 m each line: its middle line is that of the frame.
+    ends = [START - 1.0, START + 1.0]
+    isd |= {
+        "name_model": "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL", "image_lines": 5,
+        "detector_center": {"line": 0.0, "sample": 99.5},
+        "line_scan_rate": [[0.5, -0.025, 0.01]],
+        "instrument_position": {
+            "ephemeris_times": ends, "positions": [[1.0, -10.0, 0.0], [-1.0, -10.0, 0.0]],
+        },
+    }  # fmt: skip
+    for name in ("body_rotation", "instrument_pointing"):
+        isd[name] = {
+            **isd[name],
+            "ephemeris_times": ends,
+            "quaternions": 2 * isd[name]["quaternions"],
+        }
+    (tmp_path / "lines.isd").write_text(json.dumps(isd))
+    lines = fits_file(tmp_path / "lines.fit", np.full((5, 200), 7, np.uint16))
+    turned = ["--orientation", "half-turn"]
+    assert "its lines were exposed one after the other" in refusal(
+        "images", made.root, lines, "--states", "isd", *turned
+    )
+    (record,) = content("images", made.root, lines, "--states", "isd")["new"]
+    assert record["state"]["lines"] == 5
+    assert made.image_names() == ["one"]
+    scan = made.line_scan("lines").scan
+    np.testing.assert_allclose(scan.times - START, np.arange(-2, 3) / 100.0, atol=1e-6)
+    np.testing.assert_allclose(scan.positions[:, 0], 10_000.0, atol=1e-3)
+    np.testing.assert_allclose(np.diff(scan.positions[:, 1]), -10.0, atol=1e-3)
+    (seen,) = [one for one in content("images", made.root, "--report")["images"]
+               if one["name"] == "lines"]  # fmt: skip
+    # The box ends at 150 m or, at its top, at 30 m.
+    assert 9_849.0 < seen["range_m"] < 10_000.0
     other = fits_file(tmp_path / "two.fit", np.full((100, 200), 8, np.uint16), 1)
     (remark,) = content("images", made.root, other, "--states", "isd")["remarks"]
     assert "two.fit: has no state" in remark
 
 
-PLAIN = """PDS_VERSION_ID = PDS3
-RECORD_TYPE = FIXED_LENGTH
-RECORD_BYTES = {record}
-FILE_RECORDS = {size}
-^IMAGE = "{name}"
-START_TIME = 2019-03-03T08:54:59.913
-EXPOSURE_DURATION = 20.0 <ms>
-OBJECT = IMAGE
-  LINES = {size}
-  LINE_SAMPLES = {size}
-  SAMPLE_BITS = 16
-  SAMPLE_TYPE = {order}_UNSIGNED_INTEGER
-END_OBJECT = IMAGE
-END
-"""
-
-
-@pytest.mark.parametrize(("order", "size"), [("LSB", SIZE), ("MSB", SIZE + 4)])
-def test_wrong_byte_order_and_size_are_one_line(given, made, tmp_path, order, size):
-    with fits.open(files(given, 0)[0]) as opened:
-        (tmp_path / "a.img").write_bytes(opened[0].data.astype(">u2").tobytes())
-    text = PLAIN.format(record=2 * size, size=size, name="a.img", order=order)
-    (tmp_path / "a.lbl").write_text(text)
-    assert "a.img" in refusal("images", made.root, tmp_path / "a.lbl")
-    assert not list(made.root.glob("IMAGEFILES/*"))
-
-
-def test_a_table_gives_times_for_names(made, tmp_path):
-    image = tmp_path / "a_very_long_name.fit"
-    fits.PrimaryHDU(np.full((8, 8), 5, np.uint16)).writeto(image)
-    assert "no name can be made" in refusal("images", made.root, image)
-    table = tmp_path / "times.csv"
-    table.write_text(f"image,et\na_very_long_name,{START}\n")
-    (record,) = content("images", made.root, image, "--times", table)["new"]
-    assert record["name"] == f"A{int(START):09d}"
+def test_images_of_a_camera_with_another_distortion_are_looked_at_with_it(given, tmp_path):
+    made = new_workspace(tmp_path / "ws", body="Box", shape=given / "box.obj")
+    # Columns bent by 8 px at the upper and lower edge, as the cube of the line.
+    bent = np.zeros(20)
+    bent[9] = 8.0 / 117.6 / (64.0 / 117.6) ** 3
+    lens = replace(CAMERA, distortion_model="bicubic", distortion=bent)
+    write_cameras(tmp_path / "lens.toml", [Instrument("NAC", lens)])
+    for number in (0, 1):
+        image = replace(image_at(number), camera=lens)
+        frame = 3000.0 * render_frame(RayCaster(shape_of()), image).brightness + 200.0
+        fits_file(tmp_path / f"frame_of_a_mission_{number}.fit", frame.astype(np.uint16), number)
+    camera = ["--poses", given / "poses.csv", "--camera", tmp_path / "lens.toml"]
+    found = content("images", made.root, *sorted(tmp_path.glob("*.fit")), *camera, "--report")
+    (camera_file,) = (made.root / "SUMFILES").glob("CAMERA-*.toml")
+    for record, seen in zip(found["new"], found["images"], strict=True):
+        assert record["camera_fit"]["file"] == camera_file.name
+        assert record["camera_fit"]["largest_px"] > 1.0
+        assert seen["fit"]["given"] > 0.999
+        assert np.abs(seen["fit"]["offset_px"]).max() < 0.1
+    assert read_catalogue(made)[record["name"]].camera_fit == record["camera_fit"]
+    camera_file.unlink()
+    assert f"{camera_file.name}, which is not there" in refusal("images", made.root, "--report")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import spiceypy
 from astropy.io import fits
+from command_line import call, called, refused
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.workspace import SETTINGS_FILE, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from spcola.camera import Camera, SpcImage
@@ -27,21 +25,6 @@ START = et_from_utc("2019-03-03T10:59:40.279")
 SUN = np.array([1.2e11, -8.0e10, 3.0e10])
 DRIFT = np.array([0.05, 0.08, -0.02])
 TABLE = {"spacecraft": "-64", "body": 2101955}
-
-
-def call(*arguments, code=0):
-    result = CliRunner().invoke(app, list(map(str, arguments)))
-    assert result.exit_code == code, result.output + result.stderr
-    return result
-
-
-def content(*arguments):
-    return json.loads(call(*arguments, "--json").stdout)
-
-
-def refusal(*arguments):
-    (line,) = call(*arguments, code=1).stderr.splitlines()
-    return line
 
 
 def image_at(number, seconds):
@@ -87,7 +70,7 @@ def solved(tmp_path_factory):
 def exported(solved, tmp_path_factory):
     """Its kernels, and an SPK of the Sun next to them."""
     folder = tmp_path_factory.mktemp("exported")
-    found = content("kernels", solved.root, folder / "kernels")
+    found = called("kernels", solved.root, folder / "kernels")
     path = folder / "sun.bsp"
     ends = np.array([START - 1e5, START + 1e5])
     states = np.tile(np.concatenate([SUN, np.zeros(3)]) / 1000.0, (2, 1))
@@ -104,7 +87,7 @@ def test_kernels_are_written_and_read_back(solved, exported):
     assert found["read_back_position_m"] < 1e-3
     assert found["read_back_pointing_rad"] < 1e-6
     assert sorted(found["files"]) == sorted(path.name for path in (folder / "kernels").iterdir())
-    assert "is there already" in refusal("kernels", solved.root, folder / "kernels")
+    assert "is there already" in refused("kernels", solved.root, folder / "kernels")
     text = call("kernels", solved.root, folder / "again").stdout
     assert "images: 6, cameras: 1, 2019 MAR 03 10:59:40.279" in text
 
@@ -131,7 +114,7 @@ def test_the_states_come_back_as_sum_and_nom(solved, exported, tmp_path):
     command = sumfiles(
         exported, made.root, table, "--camera", like, "--sigma-m", 5, "--sigma-mrad", 2
     )
-    found = content(*command)
+    found = called(*command)
     assert [row["image"] for row in found["images"]] == [image.name for image in images]
     for number, image in enumerate(images):
         again = read_summary(made.image_path(image.name))
@@ -156,7 +139,7 @@ def test_the_states_come_back_as_sum_and_nom(solved, exported, tmp_path):
     assert (made.root / "PICTLIST.TXT").read_text().split() == [
         "OLD", *(image.name for image in images), "END",
     ]  # fmt: skip
-    assert "is there already" in refusal(*command)
+    assert "is there already" in refused(*command)
 
 
 def test_comparison_finds_a_moved_state(solved, exported, tmp_path):
@@ -164,7 +147,7 @@ def test_comparison_finds_a_moved_state(solved, exported, tmp_path):
     for image in solved.images():
         moved = replace(image, scobj=image.scobj + 3.0 * image.axes[0])
         write_summary(made.image_path(image.name), moved)
-    found = content(*sumfiles(exported, made.root, "--compare"))
+    found = called(*sumfiles(exported, made.root, "--compare"))
     assert len(found["images"]) == 6
     for row in found["images"]:
         assert row["sources"] == ["spice", "sum"]
@@ -196,7 +179,7 @@ def test_a_table_of_poses_becomes_sum_files(solved, tmp_path):
     like = solved.image_path("P0000")
     sun = [word for a in "xyz" for word in ("--columns", f"sun{a}=S {a}")]
     command = ("sumfiles", made.root, "--poses", table, "--camera", like)
-    assert "no direction to the Sun" in refusal(*command)
+    assert "no direction to the Sun" in refused(*command)
     assert call(*command, *sun).stdout.startswith("Wrote .SUM of 6 images")
     for image in images:
         again = made.image(image.name)
@@ -204,18 +187,18 @@ def test_a_table_of_poses_becomes_sum_files(solved, tmp_path):
         np.testing.assert_allclose(again.axes, image.axes, atol=1e-8)
         np.testing.assert_allclose(again.sun, image.sun, atol=1e-8)
     assert not list((made.root / "NOMINALS").iterdir())
-    compared = content("sumfiles", solved.root, "--compare", "--poses", table, *sun)
+    compared = called("sumfiles", solved.root, "--compare", "--poses", table, *sun)
     assert all(np.abs(row["camera_m"]).max() < 1e-3 for row in compared["images"])
     call(*command, "--columns", "nonsense", code=2)
     long = tmp_path / "long.csv"
     long.write_text(table.read_text().replace("P0003", "MUCHTOOLONGNAME"))
-    line = refusal("sumfiles", workspace_at(tmp_path / "new", spin=ROTATION).root, "--poses", long,
+    line = refused("sumfiles", workspace_at(tmp_path / "new", spin=ROTATION).root, "--poses", long,
                    "--camera", like, *sun)  # fmt: skip
     assert "SUMFILES/MUCHTOOLONGNAME.SUM: image name" in line
     assert not list((tmp_path / "new" / "SUMFILES").iterdir())
     # Without a rotation an inertial table cannot be used.
     other = workspace_at(tmp_path / "other")
-    assert "rotation of the body is not stated" in refusal(
+    assert "rotation of the body is not stated" in refused(
         "sumfiles", other.root, "--poses", table, "--camera", like, *sun
     )
 
@@ -242,7 +225,7 @@ def test_the_camera_may_come_from_a_camera_file(solved, exported, tmp_path):
     assert again.thresholds == (0, 65535)
     write_cameras(path, [Instrument("MAP", CAMERA), Instrument("POLY", CAMERA)])
     other = workspace_at(tmp_path / "other", spice=TABLE)
-    assert "has the cameras MAP, POLY" in refusal(
+    assert "has the cameras MAP, POLY" in refused(
         *sumfiles(exported, other.root, table, "--camera", path)
     )
 
@@ -253,7 +236,7 @@ def test_images_are_named_by_the_rule(solved, exported, tmp_path):
     (tmp_path / "images.csv").write_text(f"file,utc,filter\nlong_name_1.fits,{image.utc},PAN\n")
     like = solved.image_path("P0000")
     command = sumfiles(exported, made.root, tmp_path / "images.csv", "--camera", like)
-    found = content(*command, "--letter", "M")
+    found = called(*command, "--letter", "M")
     seconds = int(et_from_utc(image.utc))
     (row,) = found["images"]
     assert (row["image"], row["original"]) == (f"M{seconds}PA", "long_name_1.fits")
@@ -265,11 +248,11 @@ def test_the_label_of_an_image_gives_its_time(shared_data, solved, exported, tmp
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     cube = shared_data / "isis_cubes" / "20200303T213031S138_ncm_L0-reduced.cub"
     like = solved.image_path("P0000")
-    line = refusal(*sumfiles(exported, made.root, "--image", cube, "--camera", like))
+    line = refused(*sumfiles(exported, made.root, "--image", cube, "--camera", like))
     # The kernels are of another year.
     assert "20200303T213031S138_ncm_L0-reduced, 2020 MAR 03 21:30:31" in line
     plain = shared_data / "vesta" / "images" / "00000000.png"
-    assert "does not state when" in refusal(
+    assert "does not state when" in refused(
         *sumfiles(exported, made.root, "--image", plain, "--camera", like)
     )
 
@@ -279,24 +262,24 @@ def test_what_is_missing_is_named(solved, exported, tmp_path):
     like = solved.image_path("P0000")
     table = table_of(tmp_path / "images.csv", solved.images())
     command = sumfiles(exported, made.root, table, "--camera", like)
-    assert "[spice] spacecraft: must be given" in refusal(*command)
+    assert "[spice] spacecraft: must be given" in refused(*command)
     named = (*command, "--spacecraft", "-64", "--body", 2101955)
     late = tmp_path / "late.csv"
     late.write_text("image,utc\nP9,2019-03-03T14:00:00\n")
-    gap = refusal(*["sumfiles", made.root, late, *named[3:]])
+    gap = refused(*["sumfiles", made.root, late, *named[3:]])
     assert "P9" in gap
     assert "pointing ends" in gap
     assert not list((made.root / "SUMFILES").iterdir())
     # Without the Sun, and with a name that SPC cannot have.
     place = named.index(exported[0] / "sun.bsp")
     dark = (*named[: place - 1], *named[place + 1 :])
-    assert "do not give the Sun" in refusal(*dark)
+    assert "do not give the Sun" in refused(*dark)
     table.write_text("image,utc\nMUCHTOOLONGNAME,2019-03-03T10:59:40.279\n")
-    assert "image name 'MUCHTOOLONGNAME' has 15" in refusal(*named)
+    assert "image name 'MUCHTOOLONGNAME' has 15" in refused(*named)
     table.write_text("image\nP1\n")
-    assert "states no time" in refusal(*named)
-    assert "holds no image" in refusal("sumfiles", made.root, "--compare", "--frame", "X")
-    assert "[spice] kernels: holds no kernel" in refusal(
+    assert "states no time" in refused(*named)
+    assert "holds no image" in refused("sumfiles", made.root, "--compare", "--frame", "X")
+    assert "[spice] kernels: holds no kernel" in refused(
         "sumfiles", made.root, late, "--camera", like, "--frame", "X"
     )
     assert call("sumfiles", made.root, table, code=2)
@@ -306,18 +289,18 @@ def test_what_is_missing_is_named(solved, exported, tmp_path):
 
 def test_kernels_need_a_rotation_and_images(solved, tmp_path):
     made = workspace_at(tmp_path / "ws", spice=TABLE)
-    assert "the rotation of the body" in refusal("kernels", made.root, tmp_path / "out")
+    assert "the rotation of the body" in refused("kernels", made.root, tmp_path / "out")
     pck = tmp_path / "body.tpc"
     pck.write_text(
         "KPL/PCK\n\\begindata\nBODY2101955_POLE_RA = ( 85.45 )\nBODY2101955_POLE_DEC = ( -60.37 )\n"
         "BODY2101955_PM = ( 140.69 2011.15 )\n\\begintext\n"
     )
-    assert "there is no image" in refusal("kernels", made.root, tmp_path / "out", "--pck", pck)
+    assert "there is no image" in refused("kernels", made.root, tmp_path / "out", "--pck", pck)
     image = image_at(0, 0.0)
     write_summary(made.image_path(image.name), image)
-    found = content("kernels", made.root, tmp_path / "out", "--pck", pck)
+    found = called("kernels", made.root, tmp_path / "out", "--pck", pck)
     assert found["images"] == 1
-    assert "unknown to SPICE" in refusal(
+    assert "unknown to SPICE" in refused(
         "kernels", made.root, tmp_path / "other", "--pck", pck, "--spacecraft", "NO SUCH CRAFT"
     )
     assert not (tmp_path / "other").exists()
@@ -327,7 +310,7 @@ def test_kernels_need_a_rotation_and_images(solved, tmp_path):
 def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
     folder = shared_data / "rosetta_67p"
     made = workspace_at(tmp_path / "ws")
-    found = content(
+    found = called(
         *("sumfiles", made.root, "--poses", folder / "navcam" / "poses.csv"),
         *("--camera", folder / "W48230079013.SUM", "--letter", "N"),
     )
@@ -339,26 +322,25 @@ def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
     assert et_from_utc(image.utc) == pytest.approx(et_from_utc("2014-08-05T20:07:19.020"), abs=1e-3)
 
 
+def mapcam_kernels(shared_data):
+    """The options that name the kernels of a day of MapCam."""
+    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
+    texts = sorted(path for path in folder.glob("*.t*") if path.suffix != ".ti")
+    kernels = [*texts, *sorted(folder.glob("*.x*"))]
+    return [word for kernel in kernels for word in ("--kernel", kernel)]
+
+
 @pytest.mark.real_data
 def test_mapcam_by_its_clock(shared_data, tmp_path):
-    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
-    texts = (
-        "naif0012.tls",
-        "pck00010.tpc",
-        "bennu_v16.tpc",
-        "orx_v14.tf",
-        "orx_sclkscet_00065.tsc",
-    )
-    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     (tmp_path / "images.csv").write_text(
         "image,clock,exposure_ms,filter\nmap_iofL2pan,3/0604882742.23115,5.285275,PAN\n"
     )
     write_cameras(tmp_path / "map.toml", [Instrument("MAPCAM", CAMERA)])
-    found = content(
+    found = called(
         *("sumfiles", made.root, tmp_path / "images.csv", "--letter", "M"),
         *("--camera", tmp_path / "map.toml", "--frame", "ORX_OCAMS_MAPCAM"),
-        *(word for kernel in kernels for word in ("--kernel", kernel)),
+        *mapcam_kernels(shared_data),
     )
     (row,) = found["images"]
     assert (row["image"], row["original"]) == ("M604882849PA", "map_iofL2pan")
@@ -386,7 +368,7 @@ def test_images_come_in_with_states_by_kernels(solved, exported, tmp_path):
     paths = [exposed(tmp_path / f"{image.name}.fit", image.utc) for image in images]
     command = sumfiles(exported, made.root, *paths, "--states", "spice")[1:]
     like = ("--camera", solved.image_path("P0000"))
-    found = content("images", *command, *like)
+    found = called("images", *command, *like)
     assert [one["state"]["source"] for one in found["new"]] == ["spice"] * 6
     for image in images:
         written = made.image(image.name)
@@ -396,30 +378,21 @@ def test_images_come_in_with_states_by_kernels(solved, exported, tmp_path):
         assert written.thresholds == (200, 16000)
         assert (made.root / "NOMINALS" / f"{image.name}.NOM").is_file()
     late = exposed(tmp_path / "LATE.fit", utc_from_et(START + 3000.0))
-    line = refusal("images", made.root, late, *command[7:], *like)
+    line = refused("images", made.root, late, *command[7:], *like)
     assert "LATE" in line
     assert not made.exposure_path("LATE").exists()
 
 
 @pytest.mark.real_data
 def test_an_image_of_mapcam_comes_in_with_its_kernels(shared_data, tmp_path):
-    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
-    texts = (
-        "naif0012.tls",
-        "pck00010.tpc",
-        "bennu_v16.tpc",
-        "orx_v14.tf",
-        "orx_sclkscet_00065.tsc",
-    )
-    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     write_cameras(tmp_path / "map.toml", [Instrument("MAPCAM", CAMERA)])
     utc = "2019-03-03T10:59:40.2473"
     path = exposed(tmp_path / "map_iofL2pan_V001.fits", utc, FILTER="PAN")
     common = ("--frame", "ORX_OCAMS_MAPCAM", "--camera", tmp_path / "map.toml")
-    (one,) = content(
+    (one,) = called(
         *("images", made.root, path, "--states", "spice", *common),
-        *(word for kernel in kernels for word in ("--kernel", kernel)),
+        *mapcam_kernels(shared_data),
     )["new"]
     assert (one["name"], one["original"]) == ("M604882849PA", "map_iofL2pan_V001.fits")
     assert np.linalg.norm(made.image(one["name"]).scobj) == pytest.approx(6593.743, abs=1e-2)

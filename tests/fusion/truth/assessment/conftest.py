@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fusion.truth.presets import MissionSettings
 from spcola.grids import MapletGrid
 from spcola.truth.body import SurfacePoints
 
@@ -57,3 +60,15 @@ def top() -> Ellipsoid:
 def ball() -> Ellipsoid:
     """A sphere of 75 m."""
     return Ellipsoid(75.0)
+
+
+@pytest.fixture(scope="session")
+def one_scan() -> MissionSettings:
+    """A mission of one scan, which has a whole SPC solution nevertheless."""
+    tiny = MissionSettings.tiny()
+    return replace(
+        tiny,
+        passes=replace(tiny.passes, count=4),
+        lidar=replace(tiny.lidar, spacing=5.0),
+        solution=replace(tiny.solution, maplets=12),
+    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.pictures import error_map
 from fusion.truth.assessment.regions import PointErrors
 from fusion.truth.planted import Planted
-from fusion.truth.presets import MissionSettings
 from fusion.workspace import new_workspace
 from spcola.formats.maplets import read_maplet, write_maplet
 from spcola.formats.shapes import write_icq
@@ -34,24 +32,17 @@ SELF_EXPLAINED = {
 
 
 @pytest.fixture(scope="module")
-def mission(tmp_path_factory) -> tuple[Path, Planted]:
+def mission(tmp_path_factory, one_scan) -> tuple[Path, Planted]:
     """A mission of one scan, which has a whole SPC solution nevertheless."""
-    tiny = MissionSettings.tiny()
-    settings = replace(
-        tiny,
-        passes=replace(tiny.passes, count=4),
-        lidar=replace(tiny.lidar, spacing=5.0),
-        solution=replace(tiny.solution, maplets=12),
-    )
     folder = tmp_path_factory.mktemp("assess")
-    make_mission(folder / "mission", settings=settings)
+    make_mission(folder / "mission", settings=one_scan)
     new_workspace(folder / "WS", body="Truth", spc=folder / "mission" / "spc")
     return folder, read_truth(folder / "mission")
 
 
 def run(folder: Path, *options: object) -> dict[str, Any]:
     words = ["truth", "assess", folder / "WS", "--truth", folder / "mission", *options, "--json"]
-    words += ["--vertices", 4000]
+    words += ["--vertices", 2000]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout)

@@ -15,7 +15,6 @@ from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.truth import make_mission, read_truth
 from fusion.truth.assessment.frame import planted_in
 from fusion.truth.planted import Planted
-from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace, new_workspace
 from spcola.control import scaled
 from spcola.formats.maplets import write_maplet
@@ -25,17 +24,10 @@ EPSILON = 0.002
 
 
 @pytest.fixture(scope="module")
-def mission(tmp_path_factory) -> tuple[Path, Planted]:
+def mission(tmp_path_factory, one_scan) -> tuple[Path, Planted]:
     """A mission with three versions: the planted one, the true heights, and both too large."""
-    tiny = MissionSettings.tiny()
-    settings = replace(
-        tiny,
-        passes=replace(tiny.passes, count=4),
-        lidar=replace(tiny.lidar, spacing=5.0),
-        solution=replace(tiny.solution, maplets=12),
-    )
     folder = tmp_path_factory.mktemp("versions")
-    make_mission(folder / "mission", settings=settings)
+    make_mission(folder / "mission", settings=one_scan)
     planted = read_truth(folder / "mission")
     imported = new_workspace(folder / "WS", body="Truth", spc=folder / "mission" / "spc")
     body = planted.body()
@@ -56,7 +48,7 @@ def mission(tmp_path_factory) -> tuple[Path, Planted]:
 
 def run(folder: Path, solution: str, *options: object, code: int = 0) -> Any:
     words = ["truth", "assess", folder / "WS", "--truth", folder / "mission"]
-    words += ["--vertices", 2000, "--patches", 12, "--solution", solution, *options]
+    words += ["--vertices", 1000, "--patches", 12, "--solution", solution, *options]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == code, result.output
     return result

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-LINES, SAMPLES = 40, 30
+from .opening import LINES, SAMPLES
 
 
 @pytest.fixture

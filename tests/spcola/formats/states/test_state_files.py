@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spcola.errors import FormatError
-from spcola.formats.states import isis_states, read_colmap, read_isd_states, read_poses
+from spcola.formats.states import read_colmap, read_isd_states, read_poses
+from spcola.formats.states.isis import isis_states
 from spcola.navigation import Spin, et_from_utc
 from spcola.navigation.states import StateSource
 
@@ -106,8 +107,8 @@ WRONG = {
     "no position": (lambda c: [c.pop(f"v0{k}_km") for k in "xyz"], "states no position"),
     "two units": (lambda c: c.update(listed("v0x_m v0y_m v0z_m", V0)), "twice"),
     "half a vector": (lambda c: c.pop("v0z_km"), "no column v0z_km"),
-    "a word": (lambda c: c.update(v0x_km="far"), "could not convert"),
-    "infinity": (lambda c: c.update(v0x_km="inf"), "not finite"),
+    "a word": (lambda c: c.update(v0x_km="far"), "not a number"),
+    "infinity": (lambda c: c.update(v0x_km="inf"), "not a number"),
     "no time of J2000": (
         lambda c: (c.pop("et"), c.pop("cxx"), c.update(celestial())) and [
             c.pop(k) for k in ROWS.split() if k in c
@@ -143,7 +144,7 @@ def test_an_image_twice_and_ragged_lines(tmp_path):
         read_poses(table_of(tmp_path / "a.csv", columns, [row, row]))
     with pytest.raises(FormatError, match="13 values for 14"):
         read_poses(table_of(tmp_path / "b.csv", columns, [row[:-1]]))
-    with pytest.raises(FormatError, match="holds no image"):
+    with pytest.raises(FormatError, match="no header and rows"):
         read_poses(table_of(tmp_path / "c.csv", columns, [[""] * len(row)]))
 
 

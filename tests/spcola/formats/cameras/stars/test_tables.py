@@ -52,7 +52,7 @@ def test_attitudes_by_hand(tmp_path: Path) -> None:
     ("reader", "text", "message"),
     [
         (read_star_catalogue, "ra,dec\n1,2\n", "has no column mag"),
-        (read_star_catalogue, "ra,dec,mag\n1,2\n", r"line 2: has 2 columns, the header 3"),
+        (read_star_catalogue, "ra,dec,mag\n1,2\n", r"line 2: has 2 values for 3 columns"),
         (read_star_catalogue, "ra,dec,mag\n1,x,3\n", r"line 2: 'x' is not a number"),
         (read_star_catalogue, "ra,dec,mag\n1,100,3\n", r"line 2: RA 1, Dec 100 are no angles"),
         (read_star_catalogue, "ra,dec,mag\n", "has no header and rows"),

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.geolocation.locating import located_store
 from fusion.pipeline import StageContext
+from fusion.scene.geolocation.locating import located_store
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import MapolaSettings

@@ -14,9 +14,9 @@ from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.geolocation.kernels import kernel_paths
-from fusion.geolocation.locating import geolocator
-from fusion.verdict import Code
+from fusion.estimation.verdict import Code
+from fusion.scene.geolocation.kernels import kernel_paths
+from fusion.scene.geolocation.locating import geolocator
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, load_settings, write_settings
 from lidar.formats.native import write_scan

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.geolocation.kernels import kernel_paths, kernel_place
+from fusion.scene.geolocation.kernels import kernel_paths, kernel_place
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
@@ -77,7 +77,7 @@ def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
     """
     paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
     if settings.mapolas.trajectory == "spc":
-        paths += [workspace.image_path(name) for name in workspace.image_names()]
+        paths += workspace.state_files()
     return paths
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from dataclasses import fields, replace
 from pathlib import Path
@@ -10,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spiceypy
+from command_line import called, refused
 from distributed import LocalCluster
+from kernel_files import spk
 from scipy.spatial import KDTree
-from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
-from fusion.geolocation import located_store, return_paths
-from fusion.geolocation.kernels import kernel_paths
-from fusion.geolocation.locating import geolocator, spin_change
 from fusion.pipeline import Pipeline
 from fusion.runtime import ClusterExecutor, Executor, ThreadExecutor
+from fusion.scene.geolocation import located_store, return_paths
+from fusion.scene.geolocation.kernels import kernel_paths
+from fusion.scene.geolocation.locating import geolocator, spin_change
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
-from fusion.workspace import SETTINGS_FILE, new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
@@ -32,7 +31,7 @@ from spcola.errors import SettingsError
 from spcola.formats.maplets import write_maplet
 from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
-from spcola.navigation import SPICE_LOCK, Spin, utc_from_et
+from spcola.navigation import Spin, utc_from_et
 from spcola.spice import KernelSet
 
 STATED = Spin(85.45, -60.37, 140.69, 2011.15)
@@ -81,6 +80,16 @@ def rotated(scan: Scan, old: Spin, new: Spin) -> Scan:
     )
 
 
+def workspace_of(folder: Path, found: list[Scan]) -> Workspace:
+    """A new workspace with one flat maplet, and scans."""
+    workspace = new_workspace(folder, body="Ball")
+    flat = Maplet("AA0001", GRID, np.zeros((17, 17)))
+    write_maplet(workspace.root / "MAPFILES" / "AA0001.MAP", flat)
+    for scan in found:
+        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    return workspace
+
+
 def heights(
     folder: Path,
     found: list[Scan],
@@ -88,12 +97,7 @@ def heights(
     **tables: dict[str, object],
 ) -> np.ndarray:
     """Heights of a mapola of these scans in a new workspace, with these settings."""
-    workspace = new_workspace(folder, body="Ball")
-    write_maplet(
-        workspace.root / "MAPFILES" / "AA0001.MAP", Maplet("AA0001", GRID, np.zeros((17, 17)))
-    )
-    for scan in found:
-        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    workspace = workspace_of(folder, found)
     settings = Settings().with_table("mapolas", adjust=False)
     for table, changed in tables.items():
         settings = settings.with_table(table, **changed)
@@ -201,22 +205,7 @@ def kernels(folder: Path, shift: list[float]) -> dict[str, object]:
         turn = spiceypy.tipbod("J2000", 2101955, START)
     velocity = np.tile([0.0, 0.05, 0.0], (11, 1))
     states = np.concatenate([place @ turn, velocity @ turn], axis=1) / 1000.0
-    with SPICE_LOCK:
-        handle = spiceypy.spkopn(str(path), "TEST", 0)
-        spiceypy.spkw09(
-            handle,
-            -999,
-            2101955,
-            "J2000",
-            START + times[0],
-            START + times[-1],
-            "S",
-            1,
-            11,
-            states,
-            START + times,
-        )
-        spiceypy.spkcls(handle)
+    spk(path, START + times, states)
     return {"kernels": [str(text), str(path)], "spacecraft": "-999", "body": 2101955}
 
 
@@ -236,7 +225,7 @@ def test_kernels_locate_returns_on_a_cluster_to_the_same_bits(tmp_path: Path) ->
     spice = kernels(tmp_path, [0.3, 0.0, 0.0])
     here = heights(tmp_path / "here", found, spice=spice)
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         executor = ClusterExecutor(str(cluster.scheduler_address))
         there = heights(tmp_path / "there", found, executor, spice=spice)
@@ -282,11 +271,7 @@ def test_returns_of_the_store_lie_where_scans_put_them_when_the_mirror_is_correc
 
 
 def test_mapolas_move_as_the_states_of_images_do(tmp_path: Path) -> None:
-    workspace = new_workspace(tmp_path / "ws", body="Ball")
-    flat = Maplet("AA0001", GRID, np.zeros((17, 17)))
-    write_maplet(workspace.root / "MAPFILES" / "AA0001.MAP", flat)
-    for scan in scans():
-        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    workspace = workspace_of(tmp_path / "ws", scans())
     camera = Camera(100.0, [256, 256], [[60.0, 0, 0], [0, 60.0, 0]], 512, 512)
     rng = np.random.default_rng(5)
     for number, time in enumerate(np.linspace(450.0, 1350.0, 10)):
@@ -299,9 +284,8 @@ def test_mapolas_move_as_the_states_of_images_do(tmp_path: Path) -> None:
     for trajectory in ("reference", "spc"):
         settings = Settings().with_table("mapolas", adjust=False, trajectory=trajectory)
         write_settings(workspace.root / SETTINGS_FILE, settings)
-        printed = CliRunner().invoke(app, ["mapolas", str(workspace.root), "--json"])
-        assert printed.exit_code == 0, printed.output
-        result[trajectory] = json.loads(printed.stdout)["summary"], workspace.mapola("AA0001")
+        summary = called("mapolas", workspace.root)["summary"]
+        result[trajectory] = summary, workspace.mapola("AA0001")
     (summary, by_images), (as_read, read) = result["spc"], result["reference"]
     rise = np.nanmedian(by_images.height - read.height)
     assert rise == pytest.approx(0.3, abs=0.03)
@@ -388,11 +372,7 @@ def test_what_contradicts_kernels_is_refused(
 
 def test_kernels_through_the_command_line(tmp_path: Path) -> None:
     """Kernels stand in the workspace; one that is changed makes mapolas anew, one gone is named."""
-    workspace = new_workspace(tmp_path / "ws", body="Ball")
-    flat = Maplet("AA0001", GRID, np.zeros((17, 17)))
-    write_maplet(workspace.root / "MAPFILES" / "AA0001.MAP", flat)
-    for scan in scans():
-        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    workspace = workspace_of(tmp_path / "ws", scans())
     table = kernels(workspace.root, [0.3, 0.0, 0.0])
     settings = Settings().with_table("mapolas", adjust=False)
     write_settings(
@@ -400,20 +380,14 @@ def test_kernels_through_the_command_line(tmp_path: Path) -> None:
         settings.with_table("spice", **{**table, "kernels": ["body.tpc", "craft.bsp"]}),
     )
 
-    def run() -> Result:
-        return CliRunner().invoke(app, ["mapolas", str(workspace.root), "--json"])
-
-    first = json.loads(run().stdout)
+    first = called("mapolas", workspace.root)
     assert first["summary"]["located_within_m"] < 5e-4
     height = workspace.mapola("AA0001").height
-    assert json.loads(run().stdout)["state"] == "up to date"
+    assert called("mapolas", workspace.root)["state"] == "up to date"
     (workspace.root / "craft.bsp").unlink()
-    missing = run()
-    assert missing.exit_code == 1
-    assert "craft.bsp: is not a file" in missing.stderr
-    assert missing.stderr.count("\n") == 1
+    assert "craft.bsp: is not a file" in refused("mapolas", workspace.root, "--json")
     kernels(workspace.root, [0.5, 0.0, 0.0])
-    again = json.loads(run().stdout)
+    again = called("mapolas", workspace.root)
     assert again["state"] == "ran"
     rise = workspace.mapola("AA0001").height - height
     np.testing.assert_allclose(np.nanmedian(rise), 0.2, atol=QUANTUM_M)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fusion.geolocation.kernels import coverage_text, span_text, utc_texts
-from fusion.geolocation.locating import Geolocator
-from fusion.verdict import Code, Finding, Severity
+from fusion.estimation.verdict import Code, Finding, Severity
+from fusion.scene.geolocation.kernels import coverage_text, span_text, utc_texts
+from fusion.scene.geolocation.locating import Geolocator
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import KernelPlace, Unlocated
 from lidar.scans import Scan, join

@@ -132,6 +132,10 @@ class Code(CodedText):
         "unsound-maplet",
         "a maplet contradicts its landmark, the shape or the other maplets",
     )
+    SPC_ERRORS_CHANGED = (
+        "spc-errors-changed",
+        "the errors of SPC, on which every fused maplet depends, were estimated again",
+    )
     REJECTED_MAPLET = "rejected-maplet", "the registration did not use a maplet that is used here"
 
 
