@@ -69,12 +69,12 @@ def posterior_sigma(
         The problem that was solved.
     method : {"auto", "exact", "patches", "probing"}
         "auto" is "exact" where its band of points × columns fits into 0.5 GB (391 × 391 points,
-        fewer with means over wide areas), and "patches" where it does not. "exact" factors the whole matrix: for single maplets. "patches" does so in overlapping
-        windows and ignores all outside: never below the exact sigma, and close to it if the margin
-        exceeds the distance over which a constraint acts, 1/√(w_c/w_e × share of constrained
-        points) steps. "probing" adds the variance that the surroundings of each window cause,
-        estimated from random surfaces of the whole problem: right for any weights, except for the
-        scatter of the samples.
+        fewer with means over wide areas), and "patches" where it does not. "exact" factors the
+        whole matrix. "patches" does so in overlapping windows and ignores all outside: never below
+        the exact sigma, and close to it if the margin exceeds the distance over which a constraint
+        acts, 1/√(w_c/w_e × share of constrained points) steps. "probing" adds the variance that
+        the surroundings of each window cause, estimated from random surfaces of the whole problem:
+        right for any weights, except for the scatter of the samples.
     weight : (R, C) ndarray, optional
         Constraint weights that replace the problem's, 1/m²: those of a robust loss
         (``HeightSolution.constraint_weight``).
