@@ -254,7 +254,7 @@ def write_states(
     nominal: Sequence[NominalState] = (),
     scans: Sequence[LineScanImage] = (),
 ) -> None:
-    """Write states into the solution of a workspace, which is locked; a list of images is continued.
+    """Write states into the locked solution of a workspace; a list of images is continued.
 
     .SUM and .NOM files, and the files of line scans, which SPC's list does not have.
 
