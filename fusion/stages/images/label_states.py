@@ -79,9 +79,12 @@ def label_state(image: OpenedImage, spin: Spin | None) -> FromLabel:
     return FromLabel(found.state, found.notes)
 
 
-def label_camera(image: OpenedImage) -> Camera | None:
-    """Return the camera of an ISIS cube; None if it is not known."""
-    return read_cube_camera(image.path) if image.label["format"] == "isis" else None
+def label_camera(image: OpenedImage) -> tuple[Camera | None, tuple[str, ...]]:
+    """Return the camera of an ISIS cube, None if it is not known, and what was assumed."""
+    found = read_cube_camera(image.path) if image.label["format"] == "isis" else None
+    if found is None:
+        return None, ()
+    return found.camera, tuple(one.text for one in found.assumed)
 
 
 def other_state_notes(image: OpenedImage, state: ImageState, camera: Camera) -> tuple[str, ...]:

@@ -310,10 +310,11 @@ def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: Stat
     found = {}
     for image in images:
         label = label_state(image, spin)
-        camera = None if choice.camera is not None else label_camera(image)
+        camera, assumed = (None, ()) if choice.camera is not None else label_camera(image)
         found[image.digest] = _Candidate(
-            label.state, image.path, None, camera, str(image.path), label.lines, label.notes
-        )
+            label.state, image.path, None, camera, str(image.path), label.lines,
+            (*label.notes, *assumed),
+        )  # fmt: skip
     return found, []
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.pipeline.items import ItemStore
+from fusion.pipeline.items import ItemStore, whole_version
 from fusion.runtime import Executor, Progress
 from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import catalogue_path, read_catalogue
@@ -22,7 +22,7 @@ from fusion.stages.images.causes import (
     reach_of,
     step_of,
 )
-from fusion.stages.images.importing import ITEM_PLACE, ITEM_VERSION
+from fusion.stages.images.importing import ITEM_PLACE
 from fusion.stages.images.pixels import file_digest
 from fusion.stages.images.record import ImageRecord
 from fusion.stages.images.triage_report import (
@@ -50,6 +50,8 @@ from spcola.imagematching.frames.mistakes import BodyOutline, ViewProblem
 from spcola.navigation import et_from_utc
 from spcola.shape import RayCaster
 
+# To be raised with every change of what triage finds: kept results of another number are not used.
+_TRIAGE = 3
 # Cells along the longer side of a frame, to find the offset.
 _FINE = 256
 _FEWEST_LIT, _MOST_LIT = 5e-4, 0.995
@@ -100,7 +102,7 @@ def triage_images(
     caster = None if shape is None else RayCaster(workspace.shape())
     digest = "" if shape is None else file_digest(shape)
     sizes = [float(one.size[0] * one.size[1]) for one in records.values()]
-    store = ItemStore(workspace.home / ITEM_PLACE.with_name("triage"), ITEM_VERSION)
+    store = ItemStore(workspace.home / ITEM_PLACE.with_name("triage"), whole_version(_TRIAGE))
     begun = time.time()
     work = _Work(workspace, caster, digest, store)
     found = []
@@ -193,7 +195,10 @@ class _Work:
         def triage(*_inputs: Any) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
-        return self.store.result(triage, record, state, camera, self.shape)
+        # Pixels that another program wrote are not those of the catalogue.
+        exposed = self.workspace.exposure_path(record.name)
+        pixels = file_digest(exposed) if exposed.is_file() else ""
+        return self.store.result(triage, record, pixels, state, camera, self.shape)
 
 
 def _triage(
