@@ -2,7 +2,7 @@
 
 from fusion.stages.images.catalogue import count_images
 from fusion.stages.images.importing import ImportOptions, import_images
-from fusion.stages.images.pixels import Recipe, SmearTimes
+from fusion.stages.images.pixels import Recipe
 from fusion.stages.images.sources import StateChoice, StateKind
 from fusion.stages.images.triage import triage_images
 from fusion.stages.images.turns import Turn
@@ -10,7 +10,6 @@ from fusion.stages.images.turns import Turn
 __all__ = [
     "ImportOptions",
     "Recipe",
-    "SmearTimes",
     "StateChoice",
     "StateKind",
     "Turn",
