@@ -15,7 +15,9 @@ from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import catalogue_path, read_catalogue
 from fusion.stages.images.causes import (
     COARSE,
+    MOST_OF_FRAME,
     CauseSearch,
+    is_distinct,
     match_frame,
     near,
     pixels_of,
@@ -58,7 +60,7 @@ _FEWEST_LIT, _MOST_LIT = 5e-4, 0.995
 _LEAST_BODY = 1e-3
 _OVEREXPOSED, _SMEARED, _NOISE = 0.01, 0.05, 0.2
 _FITS, _CLEARLY = 0.5, 0.05
-_MOST_OF_FRAME, _ALIKE = 0.9, 0.7
+_ALIKE = 0.7
 # Offsets beyond this share of the frame are named.
 _FAR = 0.03
 _PROBLEMS = {
@@ -157,7 +159,7 @@ def _is_doubtful(one: Triage) -> bool:
     """Return whether a picture of the body's outline does not clearly fit its state."""
     if Flag.EMPTY in one.flags or Flag.NO_STATE in one.flags or one.lit_share < _FEWEST_LIT:
         return False
-    unclear = one.fit is not None and one.fit.turn is None and one.body_share < _MOST_OF_FRAME
+    unclear = one.fit is not None and one.fit.turn is None and one.body_share < MOST_OF_FRAME
     return unclear or bool(_OF_STATE & set(one.flags))
 
 
@@ -305,6 +307,7 @@ def _fit(
     far = max(map(abs, found[best].offset))
     most = 0.5 * max(record.size) - coarse.step if best is Turn.AS_STORED else reach_of(record)
     clear = far <= most and scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
+    clear = clear and is_distinct(record, best.orientation.apply(dn), coarse, found[best])
     fine = render_frame(caster, image, step=step_of(record, _FINE))
     chosen = match(best if clear else Turn.AS_STORED, fine)
     return Fit(
@@ -317,7 +320,7 @@ def _fit_flags(record: ImageRecord, fit: Fit, share: float) -> list[Flag]:
     """Return what the comparison with the shape shows."""
     if fit.turn is None:
         # Without a limb a coarse shape need not look like the ground.
-        outline = share < _MOST_OF_FRAME or fit.overlap_given < _ALIKE
+        outline = share < MOST_OF_FRAME or fit.overlap_given < _ALIKE
         return [Flag.UNMATCHED] if outline and fit.given < _FITS else []
     if fit.turn is not Turn.AS_STORED:
         return [Flag.MIRRORED if fit.turn.mirrored else Flag.TURNED]
