@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +55,11 @@ def images(
         from fusion.stages.images import ImportOptions
 
         options = ImportOptions(
-            pixels.recipe(), states.choice(), names.letter, tuple(names.filter or ()), pixels.size
+            pixels.recipe(states.camera),
+            states.choice(),
+            names.letter,
+            tuple(names.filter or ()),
+            pixels.size,
         )
         paths = [shared_path(file, work.cluster) for file in files]
         lines += _bring_in(there, paths, options, content, work)
@@ -86,10 +91,16 @@ def _bring_in(
         "new": [record.as_json() for record in done.new],
         "known": [record.name for record in done.known],
         "filtered": done.filtered,
+        "smear": None if options.recipe.smear is None else asdict(options.recipe.smear),
         "remarks": list(done.remarks),
         "doubts": [one.as_json() for one in done.doubts],
     }
     yield from _import_lines(workspace, done)
+    if (smear := options.recipe.smear) is not None:
+        yield (
+            f"  Smear of the frame transfer was removed: {smear.line_transfer_s:.4g} s a line, "
+            f"memory at the {smear.memory_side} (--smear-s 0 leaves it)"
+        )
 
 
 def _look_at(

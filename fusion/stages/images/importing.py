@@ -15,17 +15,12 @@ from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import LOCK_FILE, clear_leftovers, locked, make_folder
 from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
+from fusion.stages.images.choice import StateChoice, StateKind
 from fusion.stages.images.doubts import StateDoubt, find_doubts
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
-from fusion.stages.images.sources import (
-    Sighting,
-    StateChoice,
-    StateKind,
-    find_sightings,
-    stated_times,
-)
+from fusion.stages.images.sources import Sighting, find_sightings, stated_times
 from fusion.stages.images.turns import Turn
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace

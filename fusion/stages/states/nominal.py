@@ -184,12 +184,14 @@ def states_by_poses(
     Raises
     ------
     FormatError
-        If the table cannot be read, or is along J2000 and no rotation is stated.
+        If the table cannot be read, or is along J2000 and no rotation is stated, or an image
+        appears twice.
     KernelError
         If the PCK does not state the rotation.
     """
     spin = stated_spin(workspace, pck, body)
-    return FoundStates(tuple(read_poses(path, columns=columns, spin=spin)))
+    found = read_poses(path, columns=columns, spin=spin)
+    return FoundStates(tuple(rows.only() for rows in found.values()))
 
 
 def make_sumfiles(
