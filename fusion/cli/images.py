@@ -157,11 +157,13 @@ def _report_lines(found: TriageReport, remarks: list[str], page: Path) -> Iterat
 
 def _fit_words(one: Triage) -> str:
     """Return orientation, correlation and offset of an image."""
+    from fusion.stages.images.triage_report import correlation_text
+
     if one.fit is None:
         return ""
     right, down = one.fit.offset_px
     where = one.fit.turn or "no clear orientation"
-    return f"  {where} {one.fit.correlation:.2f}, {right:+.1f} {down:+.1f} px"
+    return f"  {where} {correlation_text(one.fit.correlation)}, {right:+.1f} {down:+.1f} px"
 
 
 def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:

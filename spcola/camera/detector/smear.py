@@ -100,6 +100,11 @@ class SmearTimes:
     def transfer(self, exposure_s: float) -> FrameTransfer:
         """Return the frame transfer at an exposure time.
 
+        Parameters
+        ----------
+        exposure_s : float
+            Seconds.
+
         Raises
         ------
         InvalidValueError

@@ -16,7 +16,14 @@ __all__ = ["read_camera", "read_one_instrument"]
 def read_camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
     """Return the camera in a .SUM file or a camera file, and the thresholds of the former.
 
-    As :func:`read_one_instrument`.
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    FormatError, InvalidValueError
+        See :func:`read_one_instrument`.
     """
     instrument, thresholds = read_one_instrument(path)
     return instrument.camera, thresholds
