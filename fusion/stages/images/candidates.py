@@ -70,8 +70,8 @@ def _matched(
     if not left:
         return found, []
     shown = ", ".join(left[:3]) + (", …" if len(left) > 3 else "")
-    has, them = ("states have", "them") if len(left) > 1 else ("state has", "it")
-    return found, [f"{where}: {len(left)} {has} no image among the files given ({shown}): {them} "
+    has, are = ("states have", "they are") if len(left) > 1 else ("state has", "it is")
+    return found, [f"{where}: {len(left)} {has} no image among the files given ({shown}): {are} "
                    "left out"]  # fmt: skip
 
 
