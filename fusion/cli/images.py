@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from fusion.workspace import Workspace
 
 
+_RANGE_TO = {True: "surface", False: "center"}
+
+
 def images(
     workspace: WorkspaceArgument,
     files: Annotated[
@@ -131,7 +134,13 @@ def _look_at(
     body = workspace.settings().body.name
     versions = {"spcola": spcola.__version__}
     atomic.write_text(page, image_page(body, report, remarks, pictures, versions))
-    content |= {**report, "page": page, "doubtful": remarks}
+    shape = workspace.has_shape()
+    content |= {**report, "page": page, "doubtful": remarks, "range_to": _RANGE_TO[shape]}
+    if not shape:
+        yield (
+            "There is no shape in SHAPEFILES: range, size of a pixel and phase are those at the "
+            "body's centre"
+        )
     yield from _report_lines(found, remarks, page)
 
 
@@ -144,7 +153,7 @@ def _report_lines(found: TriageReport, remarks: list[str], page: Path) -> Iterat
     ]
     yield from _some(rows)
     counted = ", ".join(f"{number} {what}" for what, number in found.counts.items() if number)
-    yield f"{len(found.images)} images: {counted}"
+    yield f"{_images(len(found.images))}: {counted}"
     if found.found_orientation:
         turns = ", ".join(f"{number} {turn}" for turn, number in found.found_orientation.items())
         right, down = found.offset_rms_px
@@ -170,7 +179,7 @@ def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     """Yield what came in."""
     stated = sum(record.state is not None for record in done.new)
     yield (
-        f"{workspace.root}: {len(done.new)} new images, {stated} with a state "
+        f"{workspace.root}: {_images(len(done.new), 'new ')}, {stated} with a state "
         f"(solution {workspace.solution}); {len(done.known)} were there already"
     )
     if done.filtered:
@@ -180,12 +189,17 @@ def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     for fit in {str(one): one for one in fits}.values():
         where = f"; the exact camera is SUMFILES/{fit['file']}" if fit["file"] else ""
         yield (
-            f"  {fits.count(fit)} images: in .SUM files their {fit['model']} distortion is Owen's, "
-            f"fitted to {fit['rms_px']:.2g} px rms, {fit['largest_px']:.2g} px at most{where}"
+            f"  {_images(fits.count(fit))}: in .SUM files Owen's distortion replaces "
+            f"{fit['model']}, fitted to {fit['rms_px']:.2g} px rms, {fit['largest_px']:.2g} px at "
+            f"most{where}"
         )
     yield from _some([f"  {remark}" for remark in done.remarks])
     notes = [f"  {record.name}: {note}" for record in done.new for note in record.notes]
     yield from _some(notes)
+
+
+def _images(count: int, kind: str = "") -> str:
+    return f"{count} {kind}image{'' if count == 1 else 's'}"
 
 
 def _some(lines: list[str]) -> Iterator[str]:

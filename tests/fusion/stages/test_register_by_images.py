@@ -109,7 +109,6 @@ def test_register_names_the_line_scans_that_it_leaves_out(found):
     assert all(names_the_line_scan(found[by][0]) for by in ("images", "both"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stage", "key", "value"), [("fuse", "light", "images"), ("mapolas", "trajectory", "spc")]
 )
