@@ -167,7 +167,8 @@ def _turn_words(triage: Triage) -> str:
     what = "is mirrored" if Flag.MIRRORED in triage.flags else "is turned"
     return (
         f"{what} against its state (correlation {correlation_text(triage.fit.correlation)} "
-        f"as {triage.fit.turn}, {correlation_text(triage.fit.given)} as it is): remove its files and import it "
+        f"as {triage.fit.turn}, {correlation_text(triage.fit.given)} as it is): "
+        "remove its files and import it "
         f"with --orientation {triage.fit.turn}, or mend the state"
     )
 
@@ -183,7 +184,8 @@ def _state_words(triage: Triage) -> str:
     given = triage.fit.given if triage.fit is not None else 0.0
     return (
         f"does not fit its state; likely {triage.likely.text} (correlation "
-        f"{triage.likely.correlation:.2f} then, {correlation_text(given)} as it is) [{triage.likely.code}]"
+        f"{triage.likely.correlation:.2f} then, {correlation_text(given)} as it is) "
+        f"[{triage.likely.code}]"
     )
 
 
