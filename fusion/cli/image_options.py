@@ -12,7 +12,8 @@ from fusion.cli.options import each_between
 from fusion.cli.state_options import CameraOption, GivenStates, LetterOption
 
 if TYPE_CHECKING:
-    from fusion.stages.images import Recipe, SmearTimes, StateChoice
+    from fusion.stages.images import Recipe, StateChoice
+    from spcola.camera.detector import SmearTimes
 
 _Orientation = Literal[
     "as-stored", "mirrored-samples", "mirrored-lines", "half-turn", "transposed",
@@ -29,24 +30,26 @@ class SmearOptions:
         float | None,
         typer.Option(
             metavar="S",
-            min=1e-9,
+            min=0.0,
             max=1e3,
             help="Remove the smear of a detector without a shutter whose frame is moved into the "
-            "memory: time for one line, seconds.",
+            "memory: time for one line, seconds. By default that of frame_transfer in the camera "
+            "file, if it has it; 0: leave the smear.",
         ),
     ] = None
     clearing_s: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="S", min=0.0, max=1e3,
             help="Time for one line of the transfer that clears the frame before the exposure, if "
             "it is cleared so.",
         ),
-    ] = 0.0  # fmt: skip
+    ] = None  # fmt: skip
     memory: Annotated[
-        Literal["first-line", "last-line"],
-        typer.Option(help="Edge of the image, as stored, at which the frame enters the memory."),
-    ] = "first-line"
+        Literal["first-line", "last-line"] | None,
+        typer.Option(help="Edge of the image, as stored, at which the frame enters the memory; "
+                     "first-line if neither this nor the camera file states it."),
+    ] = None  # fmt: skip
     exposure_s: Annotated[
         float | None,
         typer.Option(
@@ -55,18 +58,25 @@ class SmearOptions:
         ),
     ] = None  # fmt: skip
 
-    def times(self) -> SmearTimes | None:
-        """Return the times of the transfer."""
-        from fusion.stages.images import SmearTimes
+    def times(self, stated: SmearTimes | None) -> SmearTimes | None:
+        """Return the times of the transfer: the options', else those that the camera states."""
+        from spcola.camera.detector import SmearTimes
 
-        if self.smear_s is None:
-            if self.clearing_s or self.exposure_s or self.memory != "first-line":
+        line_s = self.smear_s
+        if line_s is None and stated is not None:
+            line_s = stated.line_transfer_s
+        if not line_s:
+            if line_s is None and any((self.clearing_s, self.exposure_s, self.memory)):
                 raise typer.BadParameter(
-                    "is needed with the other options of smear", param_hint="--smear-s"
+                    "is needed with the other options of smear, or a camera file with "
+                    "frame_transfer",
+                    param_hint="--smear-s",
                 )
             return None
-        side: Any = self.memory.replace("-", " ")
-        return SmearTimes(self.smear_s, self.clearing_s, side, self.exposure_s)
+        other = stated or SmearTimes(line_s)
+        clearing = other.clearing_s if self.clearing_s is None else self.clearing_s
+        side: Any = (self.memory or other.memory_side).replace("-", " ")
+        return SmearTimes(line_s, clearing, side, self.exposure_s)
 
 
 @dataclass(frozen=True)
@@ -124,9 +134,10 @@ class PixelOptions:
     ] = None  # fmt: skip
     smear: SmearOptions = SmearOptions()
 
-    def recipe(self) -> Recipe:
-        """Return what is done to the pixels."""
+    def recipe(self, camera: Path | None) -> Recipe:
+        """Return what is done to the pixels; `camera` is the camera file."""
         from fusion.stages.images import Recipe, Turn
+        from spcola.formats.solution.any_camera import read_one_instrument
 
         if self.bits not in (None, 8, 16):
             raise typer.BadParameter("is 8 or 16", param_hint="--bits")
@@ -135,9 +146,10 @@ class PixelOptions:
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise typer.BadParameter("must be below --high", param_hint="--low")
         bits: Any = self.bits
+        stated = None if camera is None else read_one_instrument(camera)[0].smear
         return Recipe(
             self.dark, self.flat, self.dark_scale, bits, Turn(self.orientation),
-            self.smear.times(), self.low, self.high, self.bright_background,
+            self.smear.times(stated), self.low, self.high, self.bright_background,
         )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from fusion.stages.images.importing import Imported
     from fusion.stages.images.triage_report import Triage, TriageReport
     from fusion.workspace import Workspace
+
+
+_RANGE_TO = {True: "surface", False: "center"}
 
 
 def images(
@@ -54,7 +58,11 @@ def images(
         from fusion.stages.images import ImportOptions
 
         options = ImportOptions(
-            pixels.recipe(), states.choice(), names.letter, tuple(names.filter or ()), pixels.size
+            pixels.recipe(states.camera),
+            states.choice(),
+            names.letter,
+            tuple(names.filter or ()),
+            pixels.size,
         )
         paths = [shared_path(file, work.cluster) for file in files]
         lines += _bring_in(there, paths, options, content, work)
@@ -86,10 +94,16 @@ def _bring_in(
         "new": [record.as_json() for record in done.new],
         "known": [record.name for record in done.known],
         "filtered": done.filtered,
+        "smear": None if options.recipe.smear is None else asdict(options.recipe.smear),
         "remarks": list(done.remarks),
         "doubts": [one.as_json() for one in done.doubts],
     }
     yield from _import_lines(workspace, done)
+    if (smear := options.recipe.smear) is not None:
+        yield (
+            f"  Smear of the frame transfer was removed: {smear.line_transfer_s:.4g} s a line, "
+            f"memory at the {smear.memory_side} (--smear-s 0 leaves it)"
+        )
 
 
 def _look_at(
@@ -120,7 +134,13 @@ def _look_at(
     body = workspace.settings().body.name
     versions = {"spcola": spcola.__version__}
     atomic.write_text(page, image_page(body, report, remarks, pictures, versions))
-    content |= {**report, "page": page, "doubtful": remarks}
+    shape = workspace.has_shape()
+    content |= {**report, "page": page, "doubtful": remarks, "range_to": _RANGE_TO[shape]}
+    if not shape:
+        yield (
+            "There is no shape in SHAPEFILES: range, size of a pixel and phase are those at the "
+            "body's centre"
+        )
     yield from _report_lines(found, remarks, page)
 
 
@@ -133,7 +153,7 @@ def _report_lines(found: TriageReport, remarks: list[str], page: Path) -> Iterat
     ]
     yield from _some(rows)
     counted = ", ".join(f"{number} {what}" for what, number in found.counts.items() if number)
-    yield f"{len(found.images)} images: {counted}"
+    yield f"{_images(len(found.images))}: {counted}"
     if found.found_orientation:
         turns = ", ".join(f"{number} {turn}" for turn, number in found.found_orientation.items())
         right, down = found.offset_rms_px
@@ -146,18 +166,20 @@ def _report_lines(found: TriageReport, remarks: list[str], page: Path) -> Iterat
 
 def _fit_words(one: Triage) -> str:
     """Return orientation, correlation and offset of an image."""
+    from fusion.stages.images.triage_report import correlation_text
+
     if one.fit is None:
         return ""
     right, down = one.fit.offset_px
     where = one.fit.turn or "no clear orientation"
-    return f"  {where} {one.fit.correlation:.2f}, {right:+.1f} {down:+.1f} px"
+    return f"  {where} {correlation_text(one.fit.correlation)}, {right:+.1f} {down:+.1f} px"
 
 
 def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     """Yield what came in."""
     stated = sum(record.state is not None for record in done.new)
     yield (
-        f"{workspace.root}: {len(done.new)} new images, {stated} with a state "
+        f"{workspace.root}: {_images(len(done.new), 'new ')}, {stated} with a state "
         f"(solution {workspace.solution}); {len(done.known)} were there already"
     )
     if done.filtered:
@@ -167,12 +189,17 @@ def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     for fit in {str(one): one for one in fits}.values():
         where = f"; the exact camera is SUMFILES/{fit['file']}" if fit["file"] else ""
         yield (
-            f"  {fits.count(fit)} images: in .SUM files their {fit['model']} distortion is Owen's, "
-            f"fitted to {fit['rms_px']:.2g} px rms, {fit['largest_px']:.2g} px at most{where}"
+            f"  {_images(fits.count(fit))}: in .SUM files Owen's distortion replaces "
+            f"{fit['model']}, fitted to {fit['rms_px']:.2g} px rms, {fit['largest_px']:.2g} px at "
+            f"most{where}"
         )
     yield from _some([f"  {remark}" for remark in done.remarks])
     notes = [f"  {record.name}: {note}" for record in done.new for note in record.notes]
     yield from _some(notes)
+
+
+def _images(count: int, kind: str = "") -> str:
+    return f"{count} {kind}image{'' if count == 1 else 's'}"
 
 
 def _some(lines: list[str]) -> Iterator[str]:

@@ -20,6 +20,7 @@ from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import load_stages
 from fusion.stages.images import count_images
 from fusion.stages.ingest import duplicate_scans, readable_scans, scan_facts, span_facts
+from fusion.stages.line_scans import NOT_USED
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
 from lidar.formats import open_lidar
@@ -55,6 +56,11 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
             "stages": pipeline.states(catalog),
             "problems": _problems(workspace, catalog),
             "finished": {record.stage: record.finished for record in catalog.records()},
+            "images_not_used": {
+                record.stage: record.summary[NOT_USED]
+                for record in catalog.records()
+                if NOT_USED in record.summary
+            },
         }
     return {
         "kind": "workspace",

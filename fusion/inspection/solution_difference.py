@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
+from spcola.camera import Camera
 from spcola.camera.owen_fit import camera_difference
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
@@ -31,7 +32,7 @@ class SolutionDifference:
     first, second : str
         Names of the solutions.
     maplets, images : tuple of str
-        Those that both have, in the order of the arrays.
+        Those that both have, in the order of the arrays; line scans are images.
     only_first, only_second : tuple of str
         Maplets and images of one solution only.
     centers : (N, 3) ndarray
@@ -44,9 +45,10 @@ class SolutionDifference:
         Standard deviation over a maplet of the change of its heights, metres; NaN where its grid
         has other nodes: another number of them, GSD, or direction in its plane.
     positions : (M, 3) ndarray
-        Change of the spacecraft positions along Cx, Cy and Cz, metres.
+        Change of the spacecraft positions along Cx, Cy and Cz, metres; of a line scan the largest
+        of its lines, NaN if it has another number of lines.
     turns : (M, 3) ndarray
-        Change of the pointing: rotations about Cx, Cy and Cz, radians.
+        Change of the pointing: rotations about Cx, Cy and Cz, radians; of a line scan likewise.
     cameras : (M,) ndarray
         Largest change of a pixel's place on the detector by focal length, K or distortion, pixels.
     common : Similarity or None
@@ -122,8 +124,11 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
         If a file of a solution cannot be read.
     """
     maplets = _shared(first.maplet_names(), second.maplet_names())
-    images = _shared(first.image_names(), second.image_names())
-    names = [{*each.maplet_names(), *each.image_names()} for each in (first, second)]
+    stated = [[*each.image_names(), *each.line_scan_names()] for each in (first, second)]
+    images = _shared(*stated)
+    names = [
+        {*each.maplet_names(), *some} for each, some in zip((first, second), stated, strict=True)
+    ]
     rows = [_center_change(first, second, name) for name in maplets]
     centers, moved = (np.array([row[k] for row in rows]).reshape(-1, 3) for k in (0, 1))
     states = [_state_change(first, second, name) for name in images]
@@ -221,12 +226,38 @@ def _state_change(
     first: Workspace, second: Workspace, name: str
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the change of position and of pointing, in the camera axes, and of the camera."""
-    old, new = first.image(name), second.image(name)
-    turn = Rotation.from_matrix(old.axes @ new.axes.T).as_rotvec()
+    old, new = _states(first, name), _states(second, name)
     camera = camera_difference(old.camera, new.camera).largest_px
     # Less than the decimals of a .SUM file is rounding.
     camera = camera if camera > _ROUNDING_PX else 0.0
-    return old.axes @ (new.position - old.position), turn, camera
+    if len(old.axes) != len(new.axes):
+        return np.full(3, np.nan), np.full(3, np.nan), camera
+    turns = Rotation.from_matrix(old.axes @ np.swapaxes(new.axes, -1, -2)).as_rotvec()
+    moved = np.einsum("nij,nj->ni", old.axes, new.positions - old.positions)
+    return _largest(moved), _largest(turns), camera
+
+
+class _States(NamedTuple):
+    """Camera, positions (N, 3) and axes (N, 3, 3) of an image: one, or those of its lines."""
+
+    camera: Camera
+    positions: FloatArray
+    axes: FloatArray
+
+
+def _states(workspace: Workspace, name: str) -> _States:
+    """Return the states of an image or a line scan."""
+    if workspace.line_scan_path(name).is_file():
+        scan = workspace.line_scan(name).scan
+        return _States(scan.camera, scan.positions, scan.axes)
+    image = workspace.image(name)
+    return _States(image.camera, image.position[None], image.axes[None])
+
+
+def _largest(vectors: FloatArray) -> FloatArray:
+    """Return the longest of vectors (N, 3)."""
+    longest: FloatArray = vectors[int(np.argmax(np.linalg.norm(vectors, axis=1)))]
+    return longest
 
 
 def _radius_ratio(first: Workspace, second: Workspace) -> float:

@@ -7,7 +7,10 @@ from typing import Any
 
 from fusion.workspace import Workspace
 
-__all__ = ["NotUsed", "line_scans_not_used", "no_images"]
+__all__ = ["NOT_USED", "NotUsed", "line_scans_not_used", "no_images"]
+
+NOT_USED = "images_not_used"
+"""Key of summaries under which a stage names images that it leaves out."""
 
 
 class NotUsed(StrEnum):
@@ -36,4 +39,4 @@ def line_scans_not_used(workspace: Workspace) -> dict[str, Any]:
     shown = ", ".join(names[:3]) + (", …" if len(names) > 3 else "")
     count = f"{len(names)} line-scan images have" if len(names) > 1 else "1 line-scan image has"
     text = f"{count} a state for each line, which this stage does not use: {shown}"
-    return {"images_not_used": {"code": NotUsed.LINE_SCAN, "images": names, "text": text}}
+    return {NOT_USED: {"code": NotUsed.LINE_SCAN, "images": names, "text": text}}

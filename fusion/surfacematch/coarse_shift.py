@@ -40,6 +40,9 @@ def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift
     variance = shift_variances(
         fields.moving, fields.moving_known, fields.fixed, weight, reach=reach
     )
+    if not np.isfinite(variance).any():
+        # A grid of a few points: no shift leaves enough common ones, which the fit then reports.
+        return CoarseShift(np.zeros(2), [])
     points = np.count_nonzero(fields.moving_known & fields.fixed_known)
     best = _likeliest(variance, points / AREA)
     start = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)

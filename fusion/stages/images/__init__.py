@@ -1,16 +1,15 @@
 """Images brought into a workspace: pixels, states, catalogue, triage, and checks by the shape."""
 
 from fusion.stages.images.catalogue import count_images
+from fusion.stages.images.choice import StateChoice, StateKind
 from fusion.stages.images.importing import ImportOptions, import_images
-from fusion.stages.images.pixels import Recipe, SmearTimes
-from fusion.stages.images.sources import StateChoice, StateKind
+from fusion.stages.images.pixels import Recipe
 from fusion.stages.images.triage import triage_images
 from fusion.stages.images.turns import Turn
 
 __all__ = [
     "ImportOptions",
     "Recipe",
-    "SmearTimes",
     "StateChoice",
     "StateKind",
     "Turn",

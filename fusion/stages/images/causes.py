@@ -19,6 +19,7 @@ from spcola.imagematching.frames import (
     RenderedFrame,
     View,
     compare_frame,
+    correlation_beyond,
     render_frame,
 )
 from spcola.imagematching.frames.mistakes import BodyOutline, Mistake
@@ -30,6 +31,11 @@ _REACH = 1.0 / 16.0
 # A cause must explain the picture: by this correlation, and this much better than what is given
 # and than the next cause.
 _FITS, _BETTER, _CLEARLY = 0.5, 0.1, 0.03
+# With more of the frame covered by the body, its limb is too short to determine an offset.
+MOST_OF_FRAME = 0.9
+# So far from the best offset, as a share of the frame, the correlation must be lower by this much;
+# by more without a limb, as ground of one slope looks alike everywhere.
+_ELSEWHERE, _DISTINCT_LIMB, _DISTINCT = 0.125, 0.035, 0.15
 # So many images before and after are tried whose states may have been exchanged.
 _NEAR = 6
 
@@ -70,6 +76,18 @@ def match_frame(
         lowest=float(image.thresholds[0]),
         reach_px=reach_of(record),
     )
+
+
+def is_distinct(
+    record: ImageRecord, dn: AnyArray, rendered: RenderedFrame, match: FrameMatch
+) -> bool:
+    """Return whether a picture fits a rendering at its best offset much better than far from it."""
+    elsewhere = correlation_beyond(
+        np.ascontiguousarray(dn), rendered, match.offset,
+        distance_px=_ELSEWHERE * max(record.size),
+    )  # fmt: skip
+    limb = rendered.body.mean() < MOST_OF_FRAME
+    return match.correlation - elsewhere >= (_DISTINCT_LIMB if limb else _DISTINCT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,14 +141,20 @@ class CauseSearch:
         return None if best is None else Likely("other-image", found[best], best)
 
     def _scores(self, record: ImageRecord, states: Mapping[str, SpcImage]) -> dict[str, float]:
-        """Return the correlation of an image with the shape at other states."""
+        """Return the correlation of an image with the shape at other states.
+
+        0 where it fits far from the state, or as well elsewhere: one mistake does not explain it.
+        """
         dn = pixels_of(self.workspace, record)
         step = step_of(record, COARSE)
         found = {}
         for name, state in states.items():
             rendered = render_frame(self.caster, state, step=step)
             if rendered.body.any():
-                found[name] = match_frame(record, state, dn, rendered).correlation
+                match = match_frame(record, state, dn, rendered)
+                near = max(map(abs, match.offset)) <= reach_of(record)
+                explains = near and is_distinct(record, dn, rendered, match)
+                found[name] = match.correlation if explains else 0.0
         return found
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.stages.images.line_states import Lines, LineTimes
 from fusion.stages.images.opened import OpenedImage
-from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.camera.detector import Direction, Orientation
 from spcola.errors import FormatError, SpcolaError
@@ -15,7 +15,7 @@ from spcola.formats.images import open_image
 from spcola.formats.states import read_isis_states, read_pds_state
 from spcola.navigation import Spin
 from spcola.navigation.states import ImageState, compare_states
-from spcola.spice.instruments import read_cube_camera, read_cube_lines
+from spcola.spice.instruments import read_cube_camera
 
 _PDS = ("pds3", "pds4")
 # Directions along x (right) and y (down) of the display.
@@ -35,16 +35,18 @@ class FromLabel:
         Of a line scan: that of its middle.
     notes : tuple of str
         How it was read.
-    lines : (ndarray, ndarray, ndarray), optional
-        Of a line scan: times, positions and axes of the lines.
+    lines : Lines, optional
+        Of a line scan or a rolling shutter.
     """
 
     state: ImageState
     notes: tuple[str, ...] = ()
-    lines: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    lines: Lines | None = None
 
 
-def label_state(image: OpenedImage, spin: Spin | None) -> FromLabel:
+def label_state(
+    image: OpenedImage, spin: Spin | None, line_times: LineTimes | None = None
+) -> FromLabel:
     """Return the state in an image's label.
 
     Parameters
@@ -52,6 +54,8 @@ def label_state(image: OpenedImage, spin: Spin | None) -> FromLabel:
     image : OpenedImage
     spin : Spin, optional
         Rotation of the body: PDS labels state vectors along J2000.
+    line_times : LineTimes, optional
+        Of images whose lines have states of their own; only that of the middle if not given.
 
     Raises
     ------
@@ -61,11 +65,14 @@ def label_state(image: OpenedImage, spin: Spin | None) -> FromLabel:
     form, name = image.label["format"], image.path.stem
     if form == "isis":
         tables = read_isis_states(image.path)
-        if not image.scanner:
+        if line_times is None or not line_times.are_needed(image) or len(tables.pointing.time) < 2:
             return FromLabel(tables.state(name, image.time))
-        times = read_cube_lines(image.path)
+        times = line_times.of(image)
         middle = tables.state(name, float(times[len(times) // 2]))
-        return FromLabel(middle, (), (times, *tables.along(times)))
+        positions, axes = tables.along(times)
+        if tables.backward:
+            axes = np.diag([1.0, -1.0, -1.0]) @ axes
+        return FromLabel(middle, (), Lines(middle, times, positions, axes))
     if form not in _PDS:
         raise FormatError(
             f"its label ({form.upper()}) has no tables of the camera's state",
@@ -79,9 +86,12 @@ def label_state(image: OpenedImage, spin: Spin | None) -> FromLabel:
     return FromLabel(found.state, found.notes)
 
 
-def label_camera(image: OpenedImage) -> Camera | None:
-    """Return the camera of an ISIS cube; None if it is not known."""
-    return read_cube_camera(image.path) if image.label["format"] == "isis" else None
+def label_camera(image: OpenedImage) -> tuple[Camera | None, tuple[str, ...]]:
+    """Return the camera of an ISIS cube, None if it is not known, and what was assumed."""
+    found = read_cube_camera(image.path) if image.label["format"] == "isis" else None
+    if found is None:
+        return None, ()
+    return found.camera, tuple(one.text for one in found.assumed)
 
 
 def other_state_notes(image: OpenedImage, state: ImageState, camera: Camera) -> tuple[str, ...]:

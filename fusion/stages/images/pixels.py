@@ -15,10 +15,10 @@ from fusion.stages.images.turns import Turn
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera.detector import (
     BitDepth,
-    FrameTransfer,
     PixelValues,
     Preparation,
     PreparedPixels,
+    SmearTimes,
     prepare_pixels,
 )
 from spcola.errors import InvalidValueError, NotObservableError, WorkspaceError
@@ -34,46 +34,6 @@ _BELOW_GROUND = 0.7
 _FEW_LEVELS = 64
 # Enough for a percentile, and for a correlation.
 _SAMPLES, _LINES = 1 << 16, 64
-
-
-@dataclass(frozen=True)
-class SmearTimes:
-    """Times of the frame transfer of all images (:class:`spcola.camera.detector.FrameTransfer`).
-
-    Parameters
-    ----------
-    line_transfer_s, clearing_s : float
-        For one line.
-    memory_side : {"first line", "last line"}
-        Edge of the image, as stored, at which the frame goes into the memory.
-    exposure_s : float, optional
-        Exposure time of all images; that of each label if not given.
-    """
-
-    line_transfer_s: float
-    clearing_s: float = 0.0
-    memory_side: Literal["first line", "last line"] = "first line"
-    exposure_s: float | None = None
-
-    def of_image(self, image: ImageFile) -> FrameTransfer:
-        """Return the frame transfer of an image.
-
-        Raises
-        ------
-        InvalidValueError
-            If its exposure time is unknown, or shorter than the transfer of a line.
-        """
-        exposure = self.exposure_s or image.label.exposure_s
-        if exposure is None:
-            raise InvalidValueError(
-                "its label states no exposure time, which removal of smear needs",
-                image.path,
-                "give --exposure-s, or leave out --smear-s",
-            )
-        try:
-            return FrameTransfer(exposure, self.line_transfer_s, self.clearing_s, self.memory_side)
-        except InvalidValueError as error:
-            raise InvalidValueError(f"{error.where} {error.what}", image.path, error.do) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +151,7 @@ def write_pixels(work: PixelWork, preparation: Preparation, recipe: Recipe) -> P
     """
     image = open_image(work.path, size=work.size)
     if recipe.smear is not None:
-        preparation = replace(preparation, smear=recipe.smear.of_image(image))
+        preparation = _without_smear(preparation, recipe.smear, image)
     prepared = _prepared(image.read(), preparation, work.path)
     stored = prepared.stored
     dn = np.ascontiguousarray(recipe.turn.orientation.apply(stored.dn))
@@ -211,6 +171,27 @@ def write_pixels(work: PixelWork, preparation: Preparation, recipe: Recipe) -> P
         sha, stored.depth.bits, (low, high), stored.depth.gain, stored.depth.offset,
         stored.missing, stored.saturated, stored.below, stored.above, *_contents(dn, low),
     )  # fmt: skip
+
+
+def _without_smear(preparation: Preparation, times: SmearTimes, image: ImageFile) -> Preparation:
+    """Return the preparation of an image whose smear is removed.
+
+    Raises
+    ------
+    InvalidValueError
+        If its exposure time is unknown, or shorter than the transfer of a line.
+    """
+    exposure = times.exposure_s or image.label.exposure_s
+    if exposure is None:
+        raise InvalidValueError(
+            "its label states no exposure time, which removal of smear needs",
+            image.path,
+            "give --exposure-s, or --smear-s 0 to leave the smear",
+        )
+    try:
+        return replace(preparation, smear=times.transfer(exposure))
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{error.where} {error.what}", image.path, error.do) from error
 
 
 def _prepared(pixels: PixelValues, preparation: Preparation, path: Path) -> PreparedPixels:

@@ -9,20 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from fusion.pipeline.items import ItemStore
+from fusion.pipeline.items import ItemStore, whole_version
 from fusion.runtime import Executor, Progress
 from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import catalogue_path, read_catalogue
 from fusion.stages.images.causes import (
     COARSE,
+    MOST_OF_FRAME,
     CauseSearch,
+    is_distinct,
     match_frame,
     near,
     pixels_of,
     reach_of,
     step_of,
 )
-from fusion.stages.images.importing import ITEM_PLACE, ITEM_VERSION
+from fusion.stages.images.importing import ITEM_PLACE
 from fusion.stages.images.pixels import file_digest
 from fusion.stages.images.record import ImageRecord
 from fusion.stages.images.triage_report import (
@@ -50,13 +52,15 @@ from spcola.imagematching.frames.mistakes import BodyOutline, ViewProblem
 from spcola.navigation import et_from_utc
 from spcola.shape import RayCaster
 
+# To be raised with every change of what triage finds: kept results of another number are not used.
+_TRIAGE = 3
 # Cells along the longer side of a frame, to find the offset.
 _FINE = 256
 _FEWEST_LIT, _MOST_LIT = 5e-4, 0.995
 _LEAST_BODY = 1e-3
 _OVEREXPOSED, _SMEARED, _NOISE = 0.01, 0.05, 0.2
 _FITS, _CLEARLY = 0.5, 0.05
-_MOST_OF_FRAME, _ALIKE = 0.9, 0.7
+_ALIKE = 0.7
 # Offsets beyond this share of the frame are named.
 _FAR = 0.03
 _PROBLEMS = {
@@ -100,7 +104,7 @@ def triage_images(
     caster = None if shape is None else RayCaster(workspace.shape())
     digest = "" if shape is None else file_digest(shape)
     sizes = [float(one.size[0] * one.size[1]) for one in records.values()]
-    store = ItemStore(workspace.home / ITEM_PLACE.with_name("triage"), ITEM_VERSION)
+    store = ItemStore(workspace.home / ITEM_PLACE.with_name("triage"), whole_version(_TRIAGE))
     begun = time.time()
     work = _Work(workspace, caster, digest, store)
     found = []
@@ -155,7 +159,7 @@ def _is_doubtful(one: Triage) -> bool:
     """Return whether a picture of the body's outline does not clearly fit its state."""
     if Flag.EMPTY in one.flags or Flag.NO_STATE in one.flags or one.lit_share < _FEWEST_LIT:
         return False
-    unclear = one.fit is not None and one.fit.turn is None and one.body_share < _MOST_OF_FRAME
+    unclear = one.fit is not None and one.fit.turn is None and one.body_share < MOST_OF_FRAME
     return unclear or bool(_OF_STATE & set(one.flags))
 
 
@@ -193,7 +197,10 @@ class _Work:
         def triage(*_inputs: Any) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
-        return self.store.result(triage, record, state, camera, self.shape)
+        # Pixels that another program wrote are not those of the catalogue.
+        exposed = self.workspace.exposure_path(record.name)
+        pixels = file_digest(exposed) if exposed.is_file() else ""
+        return self.store.result(triage, record, pixels, state, camera, self.shape)
 
 
 def _triage(
@@ -300,6 +307,7 @@ def _fit(
     far = max(map(abs, found[best].offset))
     most = 0.5 * max(record.size) - coarse.step if best is Turn.AS_STORED else reach_of(record)
     clear = far <= most and scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
+    clear = clear and is_distinct(record, best.orientation.apply(dn), coarse, found[best])
     fine = render_frame(caster, image, step=step_of(record, _FINE))
     chosen = match(best if clear else Turn.AS_STORED, fine)
     return Fit(
@@ -312,7 +320,7 @@ def _fit_flags(record: ImageRecord, fit: Fit, share: float) -> list[Flag]:
     """Return what the comparison with the shape shows."""
     if fit.turn is None:
         # Without a limb a coarse shape need not look like the ground.
-        outline = share < _MOST_OF_FRAME or fit.overlap_given < _ALIKE
+        outline = share < MOST_OF_FRAME or fit.overlap_given < _ALIKE
         return [Flag.UNMATCHED] if outline and fit.given < _FITS else []
     if fit.turn is not Turn.AS_STORED:
         return [Flag.MIRRORED if fit.turn.mirrored else Flag.TURNED]

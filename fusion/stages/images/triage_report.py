@@ -12,7 +12,7 @@ import numpy as np
 from fusion.stages.images.turns import Turn
 from spcola.imagematching.frames.mistakes import Mistake, ViewProblem
 
-__all__ = ["Fit", "Flag", "Likely", "Scene", "Triage", "TriageReport"]
+__all__ = ["Fit", "Flag", "Likely", "Scene", "Triage", "TriageReport", "correlation_text"]
 
 
 class Scene(StrEnum):
@@ -51,7 +51,7 @@ class Fit:
         The orientation in which the image fits; None if none fits clearly better than the others.
     correlation, given, runner_up : float
         In the best orientation at the best offset; as it is, without an offset; in the best of the
-        other orientations.
+        other orientations. −1 where it is unknown, as one of both is uniform: the worst of all.
     offset_px : (2,) of float
         Pixel and line by which the image is displaced from the rendering.
     overlap, overlap_given : float
@@ -74,7 +74,7 @@ class Likely:
     Parameters
     ----------
     code : str
-        A :class:`spcola.imagematching.frames.Mistake`, or ``other-image``.
+        A `spcola.imagematching.frames.mistakes.Mistake`, or ``other-image``.
     correlation : float
         Of the image with the shape at the state that it would have without the mistake.
     image : str
@@ -140,7 +140,14 @@ class Triage:
 
     def as_json(self) -> dict[str, Any]:
         """Return the triage in JSON types."""
-        return asdict(self)
+        content = asdict(self)
+        if self.fit is not None:
+            scores = {
+                name: getattr(self.fit, name) for name in ("correlation", "given", "runner_up")
+            }
+            unknown = {name: None for name, score in scores.items() if score <= -1.0}
+            content["fit"] |= unknown
+        return content
 
     @property
     def remark(self) -> str:
@@ -149,13 +156,19 @@ class Triage:
         return "; ".join(one if isinstance(one, str) else one(self) for one in words)
 
 
+def correlation_text(score: float) -> str:
+    """Return a correlation in words; −1 stands for an unknown one (:class:`Fit`)."""
+    return "unknown" if score <= -1.0 else f"{score:.2f}"
+
+
 def _turn_words(triage: Triage) -> str:
     assert triage.fit is not None
     assert triage.fit.turn is not None
     what = "is mirrored" if Flag.MIRRORED in triage.flags else "is turned"
     return (
-        f"{what} against its state (correlation {triage.fit.correlation:.2f} as "
-        f"{triage.fit.turn}, {triage.fit.given:.2f} as it is): remove its files and import it "
+        f"{what} against its state (correlation {correlation_text(triage.fit.correlation)} "
+        f"as {triage.fit.turn}, {correlation_text(triage.fit.given)} as it is): "
+        "remove its files and import it "
         f"with --orientation {triage.fit.turn}, or mend the state"
     )
 
@@ -171,7 +184,8 @@ def _state_words(triage: Triage) -> str:
     given = triage.fit.given if triage.fit is not None else 0.0
     return (
         f"does not fit its state; likely {triage.likely.text} (correlation "
-        f"{triage.likely.correlation:.2f} then, {given:.2f} as it is) [{triage.likely.code}]"
+        f"{triage.likely.correlation:.2f} then, {correlation_text(given)} as it is) "
+        f"[{triage.likely.code}]"
     )
 
 

@@ -47,7 +47,7 @@ from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSe
 from fusion.workspace.settings.processing import MapolaSettings, RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.control.bundle_adjustment import NetworkOptions, solve_network
-from spcola.errors import NotObservableError, SettingsError
+from spcola.errors import NotObservableError, RejectedResultError, SettingsError
 from spcola.shape import Mesh
 
 
@@ -118,6 +118,8 @@ class RegisterStage(Stage):
         if verdict.judgement != "accepted":
             content["frame_search"], found = other_frames(context)
             verdict = Verdict((*verdict.findings, *found))
+        if context.subset:
+            _check_replacement(context, verdict)
         content = with_verdict(content, verdict)
         path = context.write_json(workspace.registration_path.name, with_old_keys(content))
         summary = {k: v for k, v in content.items() if k not in _LONG}
@@ -127,6 +129,27 @@ class RegisterStage(Stage):
 
 
 STAGE = RegisterStage()
+
+
+def _check_replacement(context: StageContext, verdict: Verdict) -> None:
+    """Refuse that a trial with some mapolas replaces a registration that may be used.
+
+    Raises
+    ------
+    RejectedResultError
+        If the registration that is there may be used, and the new one may not.
+    """
+    path, accepted = context.workspace.registration_path, context.settings.accept.codes
+    before = context.workspace.find_json(path.name)
+    obstacle = verdict.obstacle(accepted)
+    if before is None or not obstacle or Verdict.from_json(before).obstacle(accepted):
+        return
+    raise RejectedResultError(
+        f"the registration of these mapolas alone is {obstacle}; the one that was there is kept",
+        path,
+        "choose more mapolas, or register all of them",
+    )
+
 
 # Rotation of a mapola's edge in cells above which it is matched again from the rotated place, and
 # below which the iteration has converged.
@@ -298,7 +321,9 @@ def _given(workspace: Workspace, table: RegisterSettings) -> GivenRegistration |
     path = given_path(workspace, table)
     if path is None:
         return None
-    return given_registration(workspace.read_json(str(path)), str(path), inverse=table.inverse)
+    return given_registration(
+        Workspace(path.parent).read_json(path.name), str(path), inverse=table.inverse
+    )
 
 
 def _fit_options(table: RegisterSettings) -> FitOptions:

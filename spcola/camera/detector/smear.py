@@ -69,6 +69,50 @@ class FrameTransfer:
             raise InvalidValueError(f"is {self.memory_side!r}", "memory side")
 
 
+@dataclass(frozen=True)
+class SmearTimes:
+    """Times of the frame transfer of all images of a camera; see :class:`FrameTransfer`.
+
+    Parameters
+    ----------
+    line_transfer_s, clearing_s : float
+        For one line.
+    memory_side : {"first line", "last line"}
+        Edge of the image, as stored, at which the frame goes into the memory.
+    exposure_s : float, optional
+        Exposure time of all images; that of each label if not given.
+
+    Raises
+    ------
+    InvalidValueError
+        If a time is negative or not finite.
+    """
+
+    line_transfer_s: float
+    clearing_s: float = 0.0
+    memory_side: MemorySide = "first line"
+    exposure_s: float | None = None
+
+    def __post_init__(self) -> None:
+        # Checked at the longest exposure: that of an image is named with the image.
+        self.transfer(float(np.finfo(float).max))
+
+    def transfer(self, exposure_s: float) -> FrameTransfer:
+        """Return the frame transfer at an exposure time.
+
+        Parameters
+        ----------
+        exposure_s : float
+            Seconds.
+
+        Raises
+        ------
+        InvalidValueError
+            If it is shorter than the transfer of a line.
+        """
+        return FrameTransfer(exposure_s, self.line_transfer_s, self.clearing_s, self.memory_side)
+
+
 def remove_smear(pixels: PixelValues, transfer: FrameTransfer) -> PixelValues:
     """Return the pixels without smear: the solution S of the equations above, exact to rounding.
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+import numpy as np
+
 from spcola.camera.camera import Camera
+from spcola.camera.detector import SmearTimes
 from spcola.camera.instrument.focal_length import FocusTable, ThermalFocus
 from spcola.camera.instrument.pupil import Pupil
 from spcola.errors import InvalidValueError
@@ -57,11 +60,16 @@ class Instrument:
         Its focal lengths replace the nominal one; temperature multiplies them.
     pupil : Pupil, optional
         In the spacecraft; an instrument without one has it at the centre of mass.
+    smear : SmearTimes, optional
+        Of a detector without a shutter whose frame is moved into a memory.
+    line_time_s : float, optional
+        From one line's exposure to the next one's, seconds: of a line scanner, or of a rolling
+        shutter; negative if the last line is exposed first.
 
     Raises
     ------
     InvalidValueError
-        If the pupil is another camera's.
+        If the pupil is another camera's, or the time of a line is 0 or not finite.
     """
 
     name: str
@@ -69,10 +77,14 @@ class Instrument:
     temperature: ThermalFocus | None = None
     focus: FocusTable | None = None
     pupil: Pupil | None = None
+    smear: SmearTimes | None = None
+    line_time_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.pupil is not None and self.pupil.camera != self.name:
             raise InvalidValueError(f"has the pupil of {self.pupil.camera}", self.name)
+        if self.line_time_s is not None and not 0.0 < abs(self.line_time_s) < np.inf:
+            raise InvalidValueError(f"has lines of {self.line_time_s} s", self.name)
 
     def at(
         self,

@@ -9,6 +9,8 @@
     distortion = [2e-5, 3e-8, 0.0, 0.0]
     temperature = {reference_c = 20.0, per_kelvin = 1.1e-5}
     pupil_m = [0.1, 0.0, 1.2]           # from the centre of mass, spacecraft's frame
+    frame_transfer = {line_s = 9e-7, clearing_s = 0.0, memory = "first-line"}
+    line_time_s = 3.6e-4                # from one line's exposure to the next one's
 
     [NAC.focus]                         # one row of each list for a position of the mechanism
     motor = [4231, 17371]
@@ -16,7 +18,10 @@
     focal_length_mm = [615.0, 628.9]
     distortion = [[…], […]]             # or none
 
-Only focal length, centre, K-matrix and size are needed.
+Only focal length, centre, K-matrix and size are needed. `frame_transfer` is of a detector without a
+shutter: times for one line of the transfer into the memory and of the one that clears the frame
+before (if any), and the edge at which the memory lies. `line_time_s` is of cameras whose lines are
+exposed one after the other: line scanners (size of one line), and rolling shutters.
 """
 
 from __future__ import annotations
@@ -30,6 +35,7 @@ import numpy as np
 from spcola import atomic
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
+from spcola.camera.detector import SmearTimes
 from spcola.camera.instrument import FocusTable, Instrument, Pupil, ThermalFocus
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.text.fields import Fields
@@ -37,8 +43,11 @@ from spcola.formats.text.source import as_format_error
 
 _NAMES = {
     "focal_length_mm", "center", "k_matrix", "size", "distortion_model", "distortion",
-    "temperature", "pupil_m", "focus",
+    "temperature", "pupil_m", "focus", "frame_transfer", "line_time_s",
 }  # fmt: skip
+
+
+_TRANSFER = {"line_s", "clearing_s", "memory"}
 
 
 def read_cameras(path: str | Path) -> dict[str, Instrument]:
@@ -143,7 +152,25 @@ def _instrument(fields: Fields, name: str) -> Instrument:
             if shape is None
             else fields.table("focus.distortion", len(distortion)),
         )
-    return Instrument(name, camera, temperature, focus, pupil)
+    line_time = None if fields.get("line_time_s") is None else fields.number("line_time_s")
+    return Instrument(name, camera, temperature, focus, pupil, _smear(fields), line_time)
+
+
+def _smear(fields: Fields) -> SmearTimes | None:
+    """Return the times of the frame transfer, if they are stated."""
+    table = fields.get("frame_transfer")
+    if table is None:
+        return None
+    unknown = sorted(set(table) - _TRANSFER) if isinstance(table, Mapping) else [str(table)]
+    if unknown:
+        raise InvalidValueError(
+            f"has {unknown[0]}; known are {_listed(_TRANSFER)}", "frame_transfer"
+        )
+    stated = "clearing_s" in table
+    clearing = fields.number("frame_transfer.clearing_s") if stated else 0.0
+    side = fields.text("frame_transfer.memory", "first-line").replace("-", " ")
+    line_s = fields.number("frame_transfer.line_s")
+    return SmearTimes(line_s, clearing, side)  # type: ignore[arg-type]  # the value checks it
 
 
 def _lines(one: Instrument) -> list[str]:
@@ -165,6 +192,13 @@ def _lines(one: Instrument) -> list[str]:
         )
     if one.pupil is not None:
         lines.append(f"pupil_m = {_array(one.pupil.offset)}")
+    if one.smear is not None:
+        line_s, clearing_s = one.smear.line_transfer_s, one.smear.clearing_s
+        side = one.smear.memory_side.replace(" ", "-")
+        times = f"line_s = {line_s!r}, clearing_s = {clearing_s!r}"
+        lines.append(f'frame_transfer = {{{times}, memory = "{side}"}}')
+    if one.line_time_s is not None:
+        lines.append(f"line_time_s = {one.line_time_s!r}")
     if one.focus is not None:
         lines += [
             "",

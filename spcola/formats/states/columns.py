@@ -62,6 +62,18 @@ class Row:
 def image_rows(path: str | Path, columns: Mapping[str, str]) -> dict[str, Row]:
     """Return the line of each image, by its name, in the order of the file.
 
+    As :func:`image_lines`; an image that appears twice is refused.
+    """
+    found = image_lines(path, columns)
+    for image, rows in found.items():
+        if len(rows) > 1:
+            raise FormatError(f"{image} appears twice", rows[1].place, "remove one line")
+    return {image: rows[0] for image, rows in found.items()}
+
+
+def image_lines(path: str | Path, columns: Mapping[str, str]) -> dict[str, list[Row]]:
+    """Return the lines of each image, by its name, in the order of the file.
+
     Parameters
     ----------
     path : str or Path
@@ -71,8 +83,7 @@ def image_rows(path: str | Path, columns: Mapping[str, str]) -> dict[str, Row]:
     Raises
     ------
     FormatError
-        If the table has no image, a line has too many or few words or names no image, or an image
-        appears twice.
+        If the table has no image, or a line has too many or few words or names no image.
     """
     table = read_words(path)
     for wanted, name in columns.items():
@@ -84,13 +95,11 @@ def image_rows(path: str | Path, columns: Mapping[str, str]) -> dict[str, Row]:
     header = [renamed.get(name, name).lower() for name in table.names]
     if len(set(header)) < len(header):
         raise FormatError("has two columns of one name", path, "rename one")
-    found: dict[str, Row] = {}
+    found: dict[str, list[Row]] = {}
     for number, words in zip(table.lines, table.rows, strict=True):
         row = Row(f"{path}, line {number}", dict(zip(header, words, strict=True)))
         image = row.text(NAMES)
         if not image:
             raise FormatError("names no image", row.place, f"name a column {NAMES[0]}")
-        if image in found:
-            raise FormatError(f"{image} appears twice", row.place, "remove one line")
-        found[image] = row
+        found.setdefault(image, []).append(row)
     return found

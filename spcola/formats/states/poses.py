@@ -1,4 +1,4 @@
-"""Tables of poses (CSV with a header): one image a line, columns recognised by their names.
+"""Tables of poses (CSV with a header): columns are recognised by their names.
 
 ==================  ==============================================================================
 name                ``image``, ``name``, ``file`` or ``picture``
@@ -14,6 +14,9 @@ uncertainty         ``sigma_v0x`` … with ``_km`` or ``_m``; ``sigma_cx_rad`` �
 Vectors and attitudes are body-fixed, or along J2000 where the names end in ``_j2000``
 (``scx_km_j2000``, ``qw_j2000``); right ascension, declination and twist always are. The rows of the
 camera's axes are ``R_z(twist) R_x(90° − Dec) R_z(90° + RA)``.
+
+An image has one row. One whose lines were exposed one after the other has several: states at their
+times, or, with a column ``line``, at these lines of the image (1 is the first).
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.formats.states.columns import Row, image_rows
+from spcola.formats.states.columns import Row, image_lines
+from spcola.formats.states.pose_rows import PoseRows
 from spcola.formats.text.source import KM, as_format_error
 from spcola.navigation import Spin
 from spcola.navigation.states import ImageState, StateSource
@@ -43,8 +47,8 @@ def read_poses(
     *,
     columns: Mapping[str, str] | None = None,
     spin: Spin | None = None,
-) -> list[ImageState]:
-    """Read the states of images from a table.
+) -> dict[str, PoseRows]:
+    """Read the states of images from a table, by their names, in the order of the file.
 
     Parameters
     ----------
@@ -57,10 +61,16 @@ def read_poses(
     Raises
     ------
     FormatError
-        If a column is missing, a value is no number or time, an image appears twice, or the table
-        is inertial and no rotation is given.
+        If a column is missing, a value is no number or time, or the table is inertial and no
+        rotation is given.
     """
-    return [_state(name, row, spin) for name, row in image_rows(path, columns or {}).items()]
+    found = {}
+    for name, rows in image_lines(path, columns or {}).items():
+        lines = [row.numbers(("line",)) for row in rows]
+        at = None if lines[0] is None else np.array(lines, dtype=np.float64)[:, 0]
+        states = tuple(_state(name, row, spin) for row in rows)
+        found[name] = PoseRows(states, at, tuple(row.place for row in rows))
+    return found
 
 
 @dataclass(frozen=True)

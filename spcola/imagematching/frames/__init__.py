@@ -1,6 +1,6 @@
 """Whole frames against the shape: rendering, orientation, offset, silhouette."""
 
-from spcola.imagematching.frames.compare import FrameMatch, compare_frame
+from spcola.imagematching.frames.compare import FrameMatch, compare_frame, correlation_beyond
 from spcola.imagematching.frames.rendered import (
     CenterView,
     RenderedFrame,
@@ -17,6 +17,7 @@ __all__ = [
     "View",
     "center_view",
     "compare_frame",
+    "correlation_beyond",
     "footprint",
     "render_frame",
 ]

@@ -80,6 +80,29 @@ def compare_frame(
     )
 
 
+def correlation_beyond(
+    pixels: AnyArray, rendered: RenderedFrame, offset: tuple[float, float], *, distance_px: float
+) -> float:
+    """Return the largest correlation at offsets that are further than a distance from one.
+
+    Where it is nearly that at the peak, the picture does not determine the offset: shading without
+    detail that the shape has, or a limb along which the body may be moved.
+
+    Parameters
+    ----------
+    pixels : (NLN, NPX) ndarray
+    rendered : RenderedFrame
+    offset : (2,) of float
+        Pixel and line, of a :class:`FrameMatch`; offsets up to half of the frame are compared.
+    distance_px : float
+    """
+    cells = block_means(pixels, rendered.step)
+    scores = _correlations(cells, rendered.brightness, max(cells.shape) // 2)
+    down, right = rendered.step * (np.indices(scores.shape) - scores.shape[0] // 2)
+    far = np.hypot(right - offset[0], down - offset[1]) > distance_px
+    return float(scores[far].max(initial=-1.0))
+
+
 def silhouette(cells: FloatArray, lowest: float) -> BoolArray:
     """Return which cells (R, C) show lit ground.
 

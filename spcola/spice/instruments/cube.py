@@ -18,16 +18,23 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
+from spcola.camera.instrument import CameraAt, Instrument
 from spcola.camera.models import turned_metric_camera
 from spcola.errors import FormatError
 from spcola.formats.images.isis_label import group, read_gdal_label
-from spcola.spice.instruments.kernel import LROC_NAC, camera_of, detector_of
+from spcola.spice.instruments.kernel import (
+    LROC_NAC,
+    camera_of,
+    detector_of,
+    temperature_law,
+)
 from spcola.spice.instruments.keywords import Keywords, Value
 
 _APOLLO_METRIC = (-915240, -916240, -917240)
 # Samples and lines of the original images.
 _FRAMES = {-64081: (2592, 1944), -64082: (2592, 1944)}
 _NAC_SAMPLES = 5064
+_CELSIUS = ("celsius", "degc", "c")
 _INSTRUMENT = re.compile(r"INS(-?[0-9]{1,10})_(.+)")
 
 
@@ -63,12 +70,13 @@ class _Part:
         )
 
 
-def read_cube_camera(path: str | Path) -> Camera | None:
+def read_cube_camera(path: str | Path) -> CameraAt | None:
     """Return the camera of an ISIS cube of a frame camera or a line scanner; None if not known.
 
-    Known are Apollo's metric cameras, OSIRIS-REx's NavCams (at their nominal focal length) and
-    LROC's NACs. The only line of a line scanner's camera is line 1. A camera that looks along −Z of
-    its frame (Apollo) is turned about x, as its states are.
+    Known are Apollo's metric cameras, OSIRIS-REx's NavCams (focal length at the temperature of the
+    camera head in the label, as ISIS has it) and LROC's NACs. The only line of a line scanner's
+    camera is line 1. A camera that looks along −Z of its frame (Apollo) is turned about x, as its
+    states are.
 
     Parameters
     ----------
@@ -85,9 +93,10 @@ def read_cube_camera(path: str | Path) -> Camera | None:
         return None
     number, part = keywords.numbers[0], _part(label, str(path))
     if number in _APOLLO_METRIC:
-        return part.camera(_apollo(keywords, part))
+        return CameraAt(part.camera(_apollo(keywords, part)), ())
+    stated = group(label, "IsisCube", "Instrument")
     if number in LROC_NAC:
-        return _nac(keywords, part, group(label, "IsisCube", "Instrument"))
+        return CameraAt(_nac(keywords, part, stated), ())
     if number not in _FRAMES:
         return None
     if part.original != _FRAMES[number]:
@@ -96,7 +105,18 @@ def read_cube_camera(path: str | Path) -> Camera | None:
             path,
             "give --camera",
         )
-    return part.camera(camera_of(keywords, part.original, 1))
+    nominal = camera_of(keywords, part.original, 1)
+    navcam = Instrument("NAVCAM", nominal, temperature_law(keywords))
+    shot = navcam.at(temperature_c=_celsius(stated.get("CameraHeadTemperature")))
+    return replace(shot, camera=part.camera(shot.camera))
+
+
+def _celsius(value: Any) -> float | None:
+    """Return a temperature of a label, °C; None if it is not stated so."""
+    if not isinstance(value, Mapping) or str(value.get("unit")).lower() not in _CELSIUS:
+        return None
+    number = value.get("value")
+    return float(number) if isinstance(number, (int, float)) else None
 
 
 def read_cube_lines(path: str | Path) -> FloatArray:
@@ -183,24 +203,35 @@ def _apollo(keywords: Keywords, part: _Part) -> Camera:
 
 
 def _nac(keywords: Keywords, part: _Part, instrument: Mapping[str, Any]) -> Camera:
-    """Return LROC's NAC: samples of the cube, and the only line of the detector."""
-    summed = instrument.get("SpatialSumming"), instrument.get("SampleFirstPixel")
-    if summed != (1, 0) or part.original[0] != _NAC_SAMPLES:
+    """Return LROC's NAC: samples of the cube, and the only line of the detector.
+
+    A sample of the original image is the sum of ``SpatialSumming`` detector pixels;
+    ``SampleFirstPixel`` counts the ones before the first, from 0 (ISIS). Lines are not summed.
+    """
+    summed, first = (_count(instrument, name) for name in ("SpatialSumming", "SampleFirstPixel"))
+    if summed < 1 or first < 0 or first + summed * part.original[0] > _NAC_SAMPLES:
         raise FormatError(
-            f"has SpatialSumming, SampleFirstPixel {summed} and {part.original[0]} samples: only "
-            f"images of all {_NAC_SAMPLES} pixels are read",
+            f"has SpatialSumming {summed}, SampleFirstPixel {first} and {part.original[0]} "
+            f"samples, its detector has {_NAC_SAMPLES} pixels",
             keywords.where,
             "give --camera",
         )
     # Kernels number lines of the image by time: line 0 is on the axis.
     camera = camera_of(keywords, (_NAC_SAMPLES, 1), 1)
-    scale, start = part.scale[0], part.start[0]
+    scale = part.scale[0] / summed
+    start = first + 0.5 + summed * (part.start[0] - 0.5)
     return replace(
         camera,
         center=np.array([(camera.center[0] - start) * scale + 0.5, camera.center[1] + 1.0]),
         k_matrix=camera.k_matrix * [[scale], [1.0]],
         width=part.size[0],
     )
+
+
+def _count(instrument: Mapping[str, Any], name: str) -> int:
+    """Return a whole number of the group Instrument; −1 if there is none."""
+    value = instrument.get(name)
+    return value if isinstance(value, int) else -1
 
 
 def _clock_time(label: Mapping[str, Any], where: str) -> float:

@@ -76,12 +76,20 @@ def read_instrument_kernels(
     where = ", ".join(str(path) for path in paths)
     keywords = Keywords(instrument_pool(paths), numbers, filter.upper(), where)
     camera = camera_of(keywords, size, first_pixel)
-    temperature = None
-    if keywords.text("DISTORTION_MODEL") == "OPENCV" and keywords.number("OPENCV_OD_A"):
-        temperature = ThermalFocus(0.0, keywords.number("OPENCV_OD_A"))
+    temperature = temperature_law(keywords)
     focus = _polycam_focus(keywords, camera) if focusing else None
     name = Keywords(keywords.pool, numbers[::-1], "", where).text("FOV_FRAME") or f"INS{number}"
     return Instrument(name, camera, temperature, focus)
+
+
+def temperature_law(keywords: Keywords) -> ThermalFocus | None:
+    """Return how the focal length of OpenCV's model varies with temperature, if keywords state it.
+
+    ISIS multiplies ``OPENCV_OD_F`` by ``1 + OPENCV_OD_A T``, T in °C.
+    """
+    if keywords.text("DISTORTION_MODEL") != "OPENCV" or not keywords.number("OPENCV_OD_A"):
+        return None
+    return ThermalFocus(0.0, keywords.number("OPENCV_OD_A"))
 
 
 def camera_of(keywords: Keywords, size: tuple[int, int] | None, first_pixel: int) -> Camera:

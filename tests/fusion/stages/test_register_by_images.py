@@ -15,7 +15,11 @@ from fusion.registration.results.keys import OLD_KEYS, REGISTRATION_KEYS
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
+from fusion.workspace import Workspace
+from spcola.camera import Camera
+from spcola.camera.linescan import LineScan, LineScanImage
 from spcola.formats.solution import read_summary, write_summary
+from spcola.formats.solution.line_scan import write_line_scan
 from spcola.truth.campaign import CampaignSettings
 
 
@@ -33,17 +37,27 @@ def workspace(tmp_path_factory):
     call("init", folder / "WS", "--spc", mission / "spc")
     call("import", folder / "WS", *sorted((mission / "lidar").iterdir()))
     call("mapolas", folder / "WS")
+    line = Camera(700.0, [200.5, 1.0], [[0, 142.9, 0], [142.9, 0, 0]], 400, 1)
+    scan = LineScan(line, np.arange(2.0), np.full((2, 3), 500.0), np.tile(np.eye(3), (2, 1, 1)))
+    write_line_scan(
+        Workspace.open(folder / "WS").line_scan_path("L1"),
+        LineScanImage("L1", scan, np.array([1.0, 0.0, 0.0])),
+    )
     return folder / "WS", settings
 
 
-def registered(workspace, **keys):
+def set_keys(workspace, table, **keys):
     path = workspace / "spcola.toml"
     lines = path.read_text().splitlines()
-    start = lines.index("[register]")
+    start = lines.index(f"[{table}]")
     for key, value in keys.items():
         row = next(k for k in range(start, len(lines)) if lines[k].startswith(f"{key} ="))
         lines[row] = f"{key} = {json.dumps(value)}"
     path.write_text("\n".join(lines) + "\n")
+
+
+def registered(workspace, **keys):
+    set_keys(workspace, "register", **keys)
     summary = called("register", workspace)["summary"]
     return summary, content_of(workspace)
 
@@ -84,6 +98,27 @@ def codes(content):
 def found(workspace):
     """What each kind makes of the workspace: the summary of the stage and the registration."""
     return {by: registered(workspace[0], by=by) for by in ("topography", "images", "both")}
+
+
+def names_the_line_scan(summary):
+    left = summary["images_not_used"]
+    return (left["code"], left["images"]) == ("line-scan", ["L1"])
+
+
+def test_register_names_the_line_scans_that_it_leaves_out(found):
+    assert all(names_the_line_scan(found[by][0]) for by in ("images", "both"))
+
+
+@pytest.mark.parametrize(
+    ("stage", "key", "value"), [("fuse", "light", "images"), ("mapolas", "trajectory", "spc")]
+)
+def test_stages_name_the_line_scans_that_they_leave_out(workspace, tmp_path, stage, key, value):
+    copy = tmp_path / "WS"
+    shutil.copytree(workspace[0], copy, symlinks=True)
+    registered(copy)
+    set_keys(copy, stage, **{key: value})
+    some = ("--only", Workspace.open(copy).maplet_names()[0])
+    assert names_the_line_scan(called(stage, copy, *some)["summary"])
 
 
 def test_what_was_planted_is_recovered_by_images(workspace, found):

@@ -211,6 +211,16 @@ def test_one_cap_is_registered_with_sigmas_that_cover_the_truth(tmp_path: Path) 
     assert "tx_m: weakly determined" in text
 
 
+def test_a_trial_that_is_refused_keeps_the_registration(tmp_path: Path) -> None:
+    folder = made(tmp_path / "WS", lattice(60))
+    call("register", folder)
+    path = folder / "registration.json"
+    before, names = path.read_bytes(), [one["name"] for one in content_of(folder)["per_mapola"]]
+    line = refused("register", folder, "--only", names[0], "--model", "rigid")
+    assert "the one that was there is kept" in line
+    assert path.read_bytes() == before
+
+
 def test_two_mapolas_are_refused(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16)[:2])
     line = refused("register", folder)

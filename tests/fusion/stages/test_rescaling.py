@@ -13,6 +13,7 @@ import pytest
 from command_line import call
 
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
+from fusion.inspection import describe_workspace, solution_difference
 from fusion.stages.scale.rescaling import usable_epsilon
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
@@ -65,6 +66,7 @@ def test_the_command_prints_what_it_wrote(applied):
     assert record.facts["epsilon"] == content["applied"]["epsilon"]
     scale = hashlib.sha256((root / "WS" / "scale.json").read_bytes()).hexdigest()
     assert record.digests == {"scale.json": scale}
+    assert record.settings["ScaleSettings"]["method"] == "pairs"
     assert datetime.fromisoformat(record.made).tzinfo is not None
 
 
@@ -76,6 +78,17 @@ def test_a_line_scan_is_scaled_and_named_as_not_used(applied):
     found = scaled(root).line_scan("L1").scan
     np.testing.assert_allclose(found.positions, 500.0 * factor, rtol=1e-15)
     np.testing.assert_array_equal(found.times, np.arange(3.0))
+    moved = json.loads(call("solution", "diff", root / "WS", "imported", "C", "--json").stdout)
+    assert moved["images"] == len(Workspace.open(root / "WS").image_names()) + 1
+    assert moved["cameras_changed_px"]["p100"] == 0.0
+    (change,) = solution_difference(Workspace.open(root / "WS"), scaled(root)).positions[-1:]
+    np.testing.assert_allclose(change, 500.0 * (factor - 1.0), rtol=1e-9)
+
+
+def test_info_repeats_which_images_a_stage_left_out(applied):
+    root, content, _ = applied
+    shown = describe_workspace(Workspace.open(root / "WS"))
+    assert shown["images_not_used"] == {"scale": content["summary"]["images_not_used"]}
 
 
 def test_the_original_is_untouched_and_still_in_use(applied):

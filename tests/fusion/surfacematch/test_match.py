@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch import MatchOptions, Surface, match_surfaces
 from fusion.surfacematch.resolution import blur, estimate_blur, estimate_spectrum
 from fusion.surfacematch.resolution.noise import supported
@@ -336,3 +337,12 @@ def test_noise_of_spc_does_not_make_the_lidar_the_softer_surface(relief):
         found.append(estimate_blur(ground + 0.01 * rng.normal(size=(99, 99)), spc))
     assert min(found) > 0.0
     assert np.median(found) == pytest.approx(1.0, abs=0.6 if relief < 0.05 else 0.35)
+
+
+@pytest.mark.parametrize("half_size", [1, 2])
+def test_a_grid_of_a_few_points_is_refused_with_a_reason(half_size):
+    grid = MapletGrid.facing([250.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, half_size)
+    surface = Surface(np.random.default_rng(1).normal(size=grid.shape), np.full(grid.shape, 0.05))
+    match = match_surfaces("AA0001", grid, surface, surface)
+    assert match.cause == Cause.NOT_COVERED
+    assert np.isnan(match.displacement).all()

@@ -97,6 +97,19 @@ def test_planted_smear_is_removed_with_the_exposure_time_of_the_label(given, mad
     gain = record["pixels"]["gain"]
     np.testing.assert_allclose(dn / gain, sharp, atol=0.51 / gain)
     assert np.abs(seen[order] - sharp).max() > 30.0
+    # A camera file states the same times; options win.
+    camera = tmp_path / "lens.toml"
+    times = {"line_s": line_s, "clearing_s": clearing_s, "memory": side}
+    stated = ", ".join(f"{key} = {value!r}" for key, value in times.items()).replace("'", '"')
+    head, tail = (given / "camera.toml").read_text().split("size =")
+    camera.write_text(f"{head}frame_transfer = {{{stated}}}\nsize ={tail}")
+    by_file = content("images", made.root, image, "--camera", camera)
+    assert by_file["known"] == [record["name"]]
+    assert by_file["smear"]["line_transfer_s"] == line_s
+    for other in (("--smear-s", 0), ("--smear-s", 3e-5), ("--clearing-s", 0)):
+        assert "with other --dark" in refusal(
+            "images", made.root, image, "--camera", camera, *other
+        )
     # Known pixels are not prepared in another way; a header without a time does not do.
     assert "with other --dark" in refusal("images", made.root, image)
     bare = tmp_path / "bare.fit"

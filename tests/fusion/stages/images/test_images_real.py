@@ -252,11 +252,6 @@ def test_a_line_scan_comes_in_with_a_state_for_each_line(shared_data, tmp_path):
     (left,) = line_scans_not_used(made).values()
     assert left["code"] == "line-scan"
     assert "1 line-scan image has a state for each line" in left["text"]
-    refused = CliRunner().invoke(
-        app, ["images", str(made.root), str(cube), "--poses", "x.csv", "--camera", "x.toml"]
-    )
-    assert refused.exit_code == 1
-    assert "is of a line scanner" in refused.stderr
 
 
 def test_navcam_of_bennu_shows_the_ground_that_its_tables_state(shared_data):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
+import spcola
 from fusion.stages.images import Turn
 from fusion.workspace import new_workspace
-from spcola.formats.images import read_image_data
+from spcola.formats.images import read_image_data, write_image_data
 
 from .box_mission import CAMERA, SIZE, call, content, files, fits_file, image_at, refusal, states
 
@@ -55,6 +56,24 @@ def test_a_turned_image_is_named_and_comes_in_right(given, made, tmp_path, turn)
     (one,) = content("images", made.root, "--report")["images"]
     assert one["fit"]["turn"] == "as-stored"
     assert not one["flags"]
+
+
+def test_a_kept_result_is_not_used_for_other_pixels_or_versions(given, made, monkeypatch):
+    call("images", made.root, files(given, 0)[0], *states(given), "--report")
+    folder = made.root / ".items" / "triage"
+    (kept,) = folder.iterdir()
+    call("images", made.root, "--report")
+    assert list(folder.iterdir()) == [kept]
+    (name,) = made.image_names()
+    dn = read_image_data(made.exposure_path(name), SIZE, SIZE)
+    made.exposure_path(name).unlink()
+    write_image_data(made.exposure_path(name), dn[:, ::-1].copy())
+    (one,) = content("images", made.root, "--report")["images"]
+    assert one["flags"] == ["mirrored"]
+    before = set(folder.iterdir())
+    monkeypatch.setattr(spcola, "__version__", "of tomorrow")
+    call("images", made.root, "--report")
+    assert len(set(folder.iterdir()) - before) == 1
 
 
 def test_empty_overexposed_and_smeared_frames_are_flagged(given, made, tmp_path):

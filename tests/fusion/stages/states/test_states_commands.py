@@ -15,8 +15,10 @@ from fusion.workspace import SETTINGS_FILE, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from spcola.camera import Camera, SpcImage
 from spcola.camera.instrument import Instrument
+from spcola.camera.linescan import LineScan, LineScanImage
 from spcola.formats.cameras import write_cameras
 from spcola.formats.solution import read_nominal, read_summary, write_list, write_summary
+from spcola.formats.solution.line_scan import write_line_scan
 from spcola.navigation import SPICE_LOCK, Spin, et_from_utc, utc_from_et
 
 SPIN = Spin(85.45, -60.37, 140.69, 2011.15)
@@ -63,6 +65,9 @@ def solved(tmp_path_factory):
     for number, seconds in enumerate((0.0, 60.0, 200.0, 400.5, 5000.0, 5060.0)):
         image = image_at(number, seconds)
         write_summary(made.image_path(image.name), image)
+    line = replace(CAMERA, height=1)
+    scan = LineScan(line, np.arange(2.0), np.full((2, 3), 4e3), np.tile(np.eye(3), (2, 1, 1)))
+    write_line_scan(made.line_scan_path("L1"), LineScanImage("L1", scan, np.array([1.0, 0.0, 0.0])))
     return made
 
 
@@ -88,6 +93,8 @@ def test_kernels_are_written_and_read_back(solved, exported):
     assert found["read_back_pointing_rad"] < 1e-6
     assert sorted(found["files"]) == sorted(path.name for path in (folder / "kernels").iterdir())
     assert "is there already" in refused("kernels", solved.root, folder / "kernels")
+    left = found["images_not_used"]
+    assert (left["code"], left["images"]) == ("line-scan", ["L1"])
     text = call("kernels", solved.root, folder / "again").stdout
     assert "images: 6, cameras: 1, 2019 MAR 03 10:59:40.279" in text
 

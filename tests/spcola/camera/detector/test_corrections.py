@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.camera.detector import BitDepth, FrameTransfer, PixelValues, Preparation, prepare_pixels
+from spcola.camera.detector import BitDepth, PixelValues, Preparation, prepare_pixels
 from spcola.camera.detector.frames import divide_flat, subtract_dark
-from spcola.camera.detector.smear import remove_smear
+from spcola.camera.detector.smear import FrameTransfer, remove_smear
 from spcola.errors import InvalidValueError
 
 LINES, SAMPLES = 48, 9

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.camera import Camera
+from spcola.camera.detector import SmearTimes
 from spcola.camera.instrument import FocusTable, Instrument, Pupil, ThermalFocus
 from spcola.errors import FormatError
 from spcola.formats.cameras import read_cameras, write_cameras
@@ -17,6 +18,8 @@ NEAR = Instrument(
     ThermalFocus(20.0, 1.1e-5),
     FocusTable([1.0, 2.5], [0.005, 0.0], [615.0, 1 / 3], [OCAMS, np.multiply(OCAMS, 1 / 7)]),
     Pupil("POLY CAM", [0.1, -0.2, 1.3]),
+    SmearTimes(1 / 3e6, 1e-7, "last line"),
+    -1 / 3e3,
 )
 PLAIN = Instrument("NAC", Camera(100.0, [1.0, 2.0], [[50, 0, 0], [0, 50, 0]], 30, 20))
 GOOD = """
@@ -36,6 +39,7 @@ def test_everything_comes_back_to_the_bit(tmp_path: Path) -> None:
     assert list(back) == ["POLY CAM", "NAC"]
     one = back["POLY CAM"]
     assert one.temperature == NEAR.temperature
+    assert (one.smear, one.line_time_s) == (NEAR.smear, NEAR.line_time_s)
     assert one.pupil is not None
     assert one.focus is not None
     for name in ("center", "k_matrix", "distortion"):
@@ -70,6 +74,10 @@ def test_a_short_table_is_a_pinhole(tmp_path: Path) -> None:
         ("[NAC]", 'distortion_model = "x"', "is no table of a camera"),
         ("size", 'distortion_model = "fisheye"\nsize', "is no distortion"),
         ("[NAC]", "[NAC", "is not TOML"),
+        ("size", "frame_transfer = {line = 1}\nsize", "frame_transfer has line; known are"),
+        ("size", "frame_transfer = {line_s = -1}\nsize", "frame transfer has times of"),
+        ("size", 'frame_transfer = {line_s = 1, memory = "left"}\nsize', "memory side is 'left'"),
+        ("size", "line_time_s = 0\nsize", "has lines of 0.0 s"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:

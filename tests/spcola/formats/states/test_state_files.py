@@ -66,7 +66,7 @@ def celestial():
 def test_a_table_gives_the_state_in_every_form(tmp_path, position, attitude):
     columns = {"image": "P1", "utc": UTC, **POSITIONS[position], **listed("sunx suny sunz", SUN)}
     columns |= celestial() if attitude == "celestial" else ATTITUDES[attitude]
-    (state,) = read_poses(table_of(tmp_path / "poses.csv", columns), spin=SPIN)
+    state = read_poses(table_of(tmp_path / "poses.csv", columns), spin=SPIN)["P1"].only()
     assert (state.name, state.time, state.source) == ("P1", TIME, StateSource.POSES)
     np.testing.assert_allclose(state.scobj, V0, atol=1e-6)
     np.testing.assert_allclose(state.axes, AXES, atol=1e-9)
@@ -87,7 +87,7 @@ def test_declared_columns_and_sigmas(tmp_path):
     path = table_of(tmp_path / "poses.csv", columns)
     with pytest.raises(FormatError, match="names no image"):
         read_poses(path)
-    (state,) = read_poses(path, columns={"v0x_km": "X [km]", "image": "Picture name"})
+    state = read_poses(path, columns={"v0x_km": "X [km]", "image": "Picture name"})["P1"].only()
     np.testing.assert_allclose(state.scobj, V0)
     np.testing.assert_allclose(state.scobj_sigma, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(state.pointing_sigma, [1e-5, 2e-5, 3e-5])
@@ -98,7 +98,7 @@ def test_semicolons_blank_lines_and_a_byte_order_mark(tmp_path):
     path = table_of(tmp_path / "poses.csv", plain_columns())
     text = path.read_text().replace(",", ";") + "\n"
     path.write_text("\ufeff" + text, encoding="utf-8")
-    assert read_poses(path)[0].name == "P1"
+    assert list(read_poses(path)) == ["P1"]
 
 
 WRONG = {
@@ -141,7 +141,7 @@ def test_an_image_twice_and_ragged_lines(tmp_path):
     columns = plain_columns()
     row = list(columns.values())
     with pytest.raises(FormatError, match="line 3: P1 appears twice"):
-        read_poses(table_of(tmp_path / "a.csv", columns, [row, row]))
+        read_poses(table_of(tmp_path / "a.csv", columns, [row, row]))["P1"].only()
     with pytest.raises(FormatError, match="13 values for 14"):
         read_poses(table_of(tmp_path / "b.csv", columns, [row[:-1]]))
     with pytest.raises(FormatError, match="no header and rows"):

@@ -162,7 +162,8 @@ class _Sight:
 
 
 def test_rosetta_poses_have_the_geometry_that_their_source_states(shared_data):
-    states = read_poses(shared_data / "rosetta_67p" / "navcam" / "poses.csv")
+    rows = read_poses(shared_data / "rosetta_67p" / "navcam" / "poses.csv")
+    states = [one.only() for one in rows.values()]
     assert len(states) == 70
     sun = np.array([state.sun for state in states])
     away = np.array([state.position / np.linalg.norm(state.position) for state in states])
@@ -227,7 +228,8 @@ def test_attitudes_in_a_label_of_near_agree(shared_data, tmp_path):
         path = tmp_path / "poses.csv"
         path.write_text(",".join(columns) + "\n" + ",".join(map(str, columns.values())) + "\n")
         # The rotation of Eros by the IAU's working group.
-        states += read_poses(path, spin=Spin(11.35, 17.22, 326.07, 1639.38864745))
+        (rows,) = read_poses(path, spin=Spin(11.35, 17.22, 326.07, 1639.38864745)).values()
+        states.append(rows.only())
     # They differ by the alignment of the camera.
     found = compare_states(*states)
     assert 0.05 < np.degrees(np.linalg.norm(found.pointing)) < 0.12
