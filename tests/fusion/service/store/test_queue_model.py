@@ -17,7 +17,7 @@ from fusion.service.store.endings import LOSSES, STEADY_RENEWALS
 
 WORKERS = st.sampled_from(["w1", "w2", "w3"])
 LEASE_S = 10.0
-EXAMPLES = 10  # 400 × 60 steps were run once on both kinds of store
+EXAMPLES = 8
 
 
 @dataclass
