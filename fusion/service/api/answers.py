@@ -1,9 +1,9 @@
-"""Answers: JSON with an ETag, pages of lists, and tables in the form that is accepted."""
+"""Answers: JSON with an ETag, pages of lists, and the choice of a form."""
 
 from __future__ import annotations
 
 import hashlib
-import io
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import urlencode
@@ -11,21 +11,18 @@ from urllib.parse import urlencode
 from starlette.requests import Request
 from starlette.responses import Response
 
-from fusion.runtime import json_text
+from fusion.runtime import json_value
 from fusion.service.api.errors import Refusal, RequestRefusedError
 
-ARROW = "application/vnd.apache.arrow.stream"
-PARQUET = "application/vnd.apache.parquet"
-CSV = "text/csv"
 JSON = "application/json"
-TABLE_TYPES = (JSON, ARROW, PARQUET, CSV)
 
 
 def json_answer(
     request: Request, content: Mapping[str, Any], headers: Mapping[str, str] | None = None
 ) -> Response:
     """Return JSON content, or 304 if the asker has it already."""
-    return tagged(request, json_text(content).encode("utf-8"), JSON, headers)
+    text = json.dumps(json_value(content), sort_keys=True, separators=(",", ":"))
+    return tagged(request, text.encode("ascii"), JSON, headers)
 
 
 def tagged(
@@ -84,33 +81,3 @@ def accepted(request: Request, offered: Sequence[str]) -> str:
     raise RequestRefusedError(
         Refusal.NOT_ACCEPTABLE, "is none of the forms there are", "Accept", " or ".join(offered)
     )
-
-
-def table_answer(request: Request, columns: Mapping[str, Sequence[Any]]) -> Response:
-    """Return a table as JSON, Arrow stream, Parquet or CSV, whichever is accepted.
-
-    Parameters
-    ----------
-    request : Request
-    columns : mapping of str to sequence
-        All of one length; None is a value that is not there.
-    """
-    kind = accepted(request, TABLE_TYPES)
-    if kind == JSON:
-        return json_answer(request, {"columns": {n: list(v) for n, v in columns.items()}})
-    import pyarrow as pa  # noqa: PLC0415  half a second, which a server without tables saves
-
-    table = pa.table({name: pa.array(list(values)) for name, values in columns.items()})
-    sink = io.BytesIO()
-    if kind == ARROW:
-        with pa.ipc.new_stream(sink, table.schema) as stream:
-            stream.write_table(table)
-    elif kind == PARQUET:
-        from pyarrow import parquet  # noqa: PLC0415
-
-        parquet.write_table(table, sink)
-    else:
-        from pyarrow import csv  # noqa: PLC0415
-
-        csv.write_csv(table, sink)
-    return tagged(request, sink.getvalue(), kind)

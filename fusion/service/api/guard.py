@@ -61,10 +61,13 @@ class Entrance:
         made this machine's address (DNS rebinding) is none of them.
     token_needed : bool
         Otherwise whoever has none is the local user, who may do everything.
+    behind_proxy : bool
+        Whether a proxy on this machine says where a request comes from.
     """
 
     hosts: frozenset[str] = frozenset(_LOOPBACK_NAMES)
     token_needed: bool = False
+    behind_proxy: bool = False
 
     @classmethod
     def of(cls, host: str, names: tuple[str, ...] = ()) -> Entrance:
@@ -77,6 +80,7 @@ class Entrance:
         return cls(
             frozenset(name.lower() for name in own | _LOOPBACK_NAMES),
             token_needed=bool(names) or not is_loopback(host),
+            behind_proxy=bool(names) and is_loopback(host),
         )
 
 

@@ -108,7 +108,7 @@ def problem_response(request: Request, error: Exception) -> Response:
     content: dict[str, Any] = {"detail": "see the log of the service, under this request's number"}
     if isinstance(error, SpcolaError):
         content = {"detail": error.what, "where": error.where, "do": error.do}
-        if status.is_server_error:
+        if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             # Where the store lies is for the operator: the log has it.
             _LOG.error("%s", error, extra={"request": request_id(request)})
             del content["where"]

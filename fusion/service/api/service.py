@@ -17,8 +17,9 @@ from fusion.service.api.events import EventFeed
 from fusion.service.api.records import Metrics
 from fusion.service.jobs import JobState
 from fusion.service.store import Store, Token
+from fusion.service.views.surfaces import LayerCache
 from fusion.workspace import SETTINGS_FILE, Workspace
-from spcola.errors import SpcolaError
+from spcola.errors import SpcolaError, WorkspaceError
 
 NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 """What the name of a workspace looks like."""
@@ -90,6 +91,7 @@ class Service:
     def __post_init__(self) -> None:
         self.root = self.root.resolve()
         self.feed = EventFeed(self.store)
+        self.cache = LayerCache()
         self.streams = 0
         self._receiving: set[str] = set()
         self._tokens: dict[str, tuple[float, Token]] = {}
@@ -119,12 +121,19 @@ class Service:
         RequestRefusedError
             If there is none of this name.
         """
-        if self.is_single and name == self.root.name:
-            return self.root
-        folder = self.root / name
-        if self.is_single or not re.fullmatch(NAME, name) or not (folder / SETTINGS_FILE).is_file():
+        if self.is_single:
+            folder = self.root if name == self.root.name else None
+        else:
+            folder = self.root / name if re.fullmatch(NAME, name) else None
+        if folder is None or not (folder / SETTINGS_FILE).is_file():
             raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such workspace", name)
         return folder
+
+    def place(self, name: str) -> Path:
+        """Return where a workspace lies or may be made; raises RequestRefusedError if nowhere."""
+        if self.is_single or not re.fullmatch(NAME, name):
+            return self.folder(name)
+        return self.root / name
 
     def workspace(self, name: str, solution: str = "") -> Workspace:
         """Open a workspace; raises RequestRefusedError if there is none of this name."""
@@ -197,3 +206,20 @@ def service_of(request: Request) -> Service:
     service = request.app.state.service
     assert isinstance(service, Service)
     return service
+
+
+@contextmanager
+def opened_for(request: Request, name: str, solution: str = "") -> Iterator[Workspace]:
+    """Open a workspace to read from it; what is not there is answered with 404.
+
+    Raises
+    ------
+    RequestRefusedError
+        If there is no such workspace or solution, or no such thing in it.
+    """
+    try:
+        yield service_of(request).workspace(name, solution)
+    except WorkspaceError as error:
+        if error.__cause__ is not None:
+            raise
+        raise RequestRefusedError(Refusal.NOT_FOUND, error.what, error.where, error.do) from error

@@ -13,7 +13,6 @@ from fusion.runtime.folders import make_folder
 from fusion.service.api.errors import Refusal, RequestRefusedError
 
 _ODD = re.compile(r"[^A-Za-z0-9._+-]+")
-_PART = "part"
 _LONGEST = 128
 
 
@@ -52,16 +51,16 @@ class UploadFile:
     @property
     def path(self) -> Path:
         """Where the finished file lies."""
-        return self.folder / self.name
+        return self.folder / "file" / self.name
 
     @property
     def part(self) -> Path:
-        """Where the bytes lie that have arrived; no finished file is called so."""
-        return self.folder / f".{_PART}"
+        """Where the bytes lie that have arrived."""
+        return self.folder / "part"
 
     def begin(self) -> None:
         """Make the folder and an empty part."""
-        make_folder(self.folder)
+        make_folder(self.path.parent)
         self.part.touch()
         _sync(self.folder)
 
@@ -93,7 +92,7 @@ class UploadFile:
                 "the upload is removed: begin a new one",
             )
         self.part.rename(self.path)
-        _sync(self.folder)
+        _sync(self.path.parent)
 
     def remove(self) -> None:
         """Remove all of it."""

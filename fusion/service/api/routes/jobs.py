@@ -15,7 +15,7 @@ from fusion.service.api.access import KNOWN, READ, READ_JOB, RUN, RUN_JOB, Route
 from fusion.service.api.answers import json_answer, next_link
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import stream
-from fusion.service.api.parameters import checked_parameters
+from fusion.service.api.parameters import check_parameters
 from fusion.service.api.service import service_of
 from fusion.service.jobs import Job, JobKind, JobRequest, JobState
 from fusion.service.store import Scope, UnknownJobError
@@ -69,14 +69,14 @@ def submit(request: Request, workspace: str, body: JobSubmission, key: Key = "")
     """Submit a job; the answer names it before it begins."""
     _check_before(request, workspace, body.after)
     asked = {"priority": body.priority, "after": tuple(body.after), "key": key}
-    return _submitted(request, workspace, body.kind, body.parameters, asked)
+    return submitted(request, workspace, body.kind, body.parameters, asked)
 
 
 @routes.add("POST", "/workspaces/{workspace}/forecast", RUN, status_code=202)
 def forecast(request: Request, workspace: str, body: ForecastRequest) -> Response:
     """Have time, memory and disk of a run forecast; the result of the job has them."""
     # Somebody waits for it in order to submit the run.
-    return _submitted(request, workspace, JobKind.FORECAST, body.parameters, {"priority": 100})
+    return submitted(request, workspace, JobKind.FORECAST, body.parameters, {"priority": 100})
 
 
 @routes.add("GET", "/workspaces/{workspace}/jobs", READ)
@@ -212,7 +212,7 @@ def job_json(job: Job) -> dict[str, Any]:
     }
 
 
-def _submitted(
+def submitted(
     request: Request,
     workspace: str,
     kind: JobKind,
@@ -220,9 +220,9 @@ def _submitted(
     asked: dict[str, Any],
 ) -> Response:
     service = service_of(request)
-    checked = checked_parameters(service, workspace, kind, parameters)
+    check_parameters(service, workspace, kind, parameters)
     user = caller_of(request).name
-    job = service.store.submit(JobRequest(kind, workspace, user, checked, **asked))
+    job = service.store.submit(JobRequest(kind, workspace, user, parameters, **asked))
     answer = json_answer(request, job_json(job), {"Location": f"/api/v1/jobs/{job.id}"})
     answer.status_code = 202
     return answer

@@ -64,7 +64,8 @@ class UploadRequest(BaseModel):
 def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Response:
     """Begin an upload; the answer has its id."""
     service = service_of(request)
-    service.folder(workspace)
+    # Files of a new workspace come before it is made.
+    service.place(workspace)
     _check_room(service, workspace, body.size)
     name, user = clean_name(body.name), caller_of(request).name
     new = Upload("", workspace, user, name, body.kind, body.size, body.sha256.lower())
@@ -82,7 +83,7 @@ def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Respo
 def uploads(request: Request, workspace: str) -> Response:
     """List the uploads of a workspace that are open or wait for their import."""
     service = service_of(request)
-    service.folder(workspace)
+    service.place(workspace)
     found = [*_those(service, workspace)]
     return json_answer(request, {"uploads": [_json(upload) for upload in found]})
 
