@@ -2,10 +2,11 @@
 
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.digests import FileDigests, file_digest
-from fusion.pipeline.catalog.records import read_record, read_records
+from fusion.pipeline.catalog.records import SHARED_STAGES, read_record, read_records
 from fusion.pipeline.catalog.soundness import unsound
 
 __all__ = [
+    "SHARED_STAGES",
     "Catalog",
     "FileDigests",
     "file_digest",

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from pathlib import Path
 
-from spcola.arrays import FloatArray
+from spcola.arrays import AnyArray
 from spcola.errors import WorkspaceError
 
 Stamp = tuple[tuple[str, int, int, int], ...]
@@ -42,11 +42,13 @@ class LayerCache:
 
     def __init__(self, most_bytes: int = 1 << 29) -> None:
         self._most, self._bytes = most_bytes, 0
-        self._kept: OrderedDict[Hashable, FloatArray] = OrderedDict()
+        self._kept: OrderedDict[Hashable, AnyArray] = OrderedDict()
         self._lock = threading.Lock()
         self._making: dict[Hashable, threading.Lock] = {}
 
-    def find(self, key: Hashable, part: Hashable, make: Callable[[], dict[Hashable, FloatArray]]) -> FloatArray:
+    def find(
+        self, key: Hashable, part: Hashable, make: Callable[[], dict[Hashable, AnyArray]]
+    ) -> AnyArray:
         """Return the array `part` of what `make` gives, made once for each `key`.
 
         Parameters
@@ -76,14 +78,14 @@ class LayerCache:
                 self._making.pop(key, None)
         return found
 
-    def _get(self, key: Hashable) -> FloatArray | None:
+    def _get(self, key: Hashable) -> AnyArray | None:
         with self._lock:
             if key not in self._kept:
                 return None
             self._kept.move_to_end(key)
             return self._kept[key]
 
-    def _put(self, key: Hashable, values: FloatArray) -> None:
+    def _put(self, key: Hashable, values: AnyArray) -> None:
         values.setflags(write=False)
         with self._lock:
             self._bytes += values.nbytes - getattr(self._kept.pop(key, None), "nbytes", 0)

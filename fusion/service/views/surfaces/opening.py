@@ -81,11 +81,11 @@ def open_surface(
         raise WorkspaceError(
             f"there is no {kind} {name!r}", workspace.root, "list those that there are"
         )
-    source = _OPENERS[kind](workspace, name)
+    source, cache = _OPENERS[kind](workspace, name), cache or LayerCache()
     reference = _spc_file(workspace, kind, name)
     if reference is not None and reference.is_file():
-        source = compared(source, MapSource.open(reference))
-    return Surface(kind.value, name, source, cache or LayerCache())
+        source = compared(source, MapSource.open(reference), cache)
+    return Surface(kind.value, name, source, cache)
 
 
 def _spc_file(workspace: Workspace, kind: SurfaceKind, name: str) -> Path | None:

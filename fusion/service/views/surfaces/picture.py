@@ -23,9 +23,10 @@ def png_of(
 ) -> bytes:
     """Return a window of a layer as PNG.
 
-    With 8 bits in colours, transparent where a value is unknown and where no source is. With 16 bits in grey: 0 is
-    unknown, and code c > 0 is ``low + (c − 1) (high − low) / 65534``. Values beyond the limits
-    have the colour, or the code, of the limit.
+    With 8 bits in colours, transparent where a value is unknown, and where there is no source.
+    With 16 bits in grey: 0 is unknown, and code c > 0 is
+    ``low + (c − 1) (high − low) / 65534``. Values beyond the limits have the colour, or the code,
+    of the limit.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +11,13 @@ import numpy as np
 from fusion.service.views.surfaces.layers import LAYERS
 from fusion.service.views.surfaces.levels import Rule
 from fusion.service.views.surfaces.surface import Surface
-from spcola.arrays import FloatArray
+from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import InvalidValueError
 from spcola.math import lon_lat_deg
 
 _MOST_SAMPLES = 8192
+# Grid points that are rather read than picked from the file one by one.
+_READ_AT_ONCE = 1 << 18
 
 
 def value_at(surface: Surface, x: float, y: float) -> dict[str, Any]:
@@ -131,17 +133,18 @@ def sampled(
     corner = [np.clip(np.floor(each).astype(np.int64), 0, None) for each in (rows, columns)]
     top, left = (np.minimum(each, surface.grid.size - 2) for each in corner)
     down, right = rows - top, columns - left
-    found = {}
+    found: dict[str, FloatArray] = {}
     for name in layers:
+        read = _reader(surface, name, rows, columns)
         if LAYERS[name].rule in (Rule.SUM, Rule.NEAREST):
-            place = (np.rint(columns).astype(np.int64), np.rint(rows).astype(np.int64))
-            found[name] = surface.source.read(name, place).astype(np.float64)
+            place = (np.rint(rows).astype(np.int64), np.rint(columns).astype(np.int64))
+            found[name] = read(*place).astype(np.float64)
             continue
         total = np.zeros(len(rows))
         for i, share in ((0, 1.0 - down), (1, down)):
             for j, part in ((0, 1.0 - right), (1, right)):
                 weight = share * part
-                values = surface.source.read(name, (left + j, top + i))
+                values = read(top + i, left + j)
                 # A grid point without weight may be unknown.
                 total += np.where(weight > 0, weight * values, 0.0)
         found[name] = total
@@ -149,6 +152,23 @@ def sampled(
         for name in {"sigma", "albedo"} & found.keys():
             found[name] = np.where(np.isfinite(found["height"]), found[name], np.nan)
     return found
+
+
+def _reader(
+    surface: Surface, layer: str, rows: FloatArray, columns: FloatArray
+) -> Callable[[IntArray, IntArray], AnyArray]:
+    """Return what gives a layer at grid points (rows, columns) around some places.
+
+    All in the rectangle around them are read at once if these are few.
+    """
+    last = surface.grid.size
+    low = [int(np.floor(each.min())) for each in (rows, columns)]
+    high = [min(int(np.floor(each.max())) + 2, last) for each in (rows, columns)]
+    low = [min(each, last - 2) for each in low]
+    if (high[0] - low[0]) * (high[1] - low[1]) > max(_READ_AT_ONCE, 16 * len(rows)):
+        return lambda i, j: surface.source.read(layer, (j, i))
+    part = surface.source.read(layer, (slice(low[1], high[1]), slice(low[0], high[0])))
+    return lambda i, j: part[j - low[1], i - low[0]]
 
 
 def _read_layers(surface: Surface) -> tuple[str, ...]:

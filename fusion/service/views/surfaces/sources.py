@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from fusion.service.views.surfaces.cache import Stamp, stamp_of
+from fusion.service.views.surfaces.cache import LayerCache, Stamp, stamp_of
 from spcola.arrays import AnyArray, FloatArray
 from spcola.formats.map_store import MapStore
 from spcola.formats.maplets import MapParts, sigma_path
@@ -145,16 +145,20 @@ class ComparedSource:
         return self.surface.read("height", index) - self.other.read("height", index)
 
 
-def compared(surface: Source, other: Source) -> Source:
+def compared(surface: Source, other: Source, cache: LayerCache) -> Source:
     """Return `surface` with its difference from `other`, which is projected if its grid differs."""
     stamp = surface.stamp + other.stamp
     if _same_nodes(surface.grid, other.grid):
         return ComparedSource(surface, other, stamp)
-    whole = (slice(None), slice(None))
-    maplet = Maplet("other", other.grid, other.read("height", whole))
-    heights = project_maplet(maplet, surface.grid).height
-    moved = ArraySource(surface.grid, {"height": heights}, other.stamp)
-    return ComparedSource(surface, moved, stamp)
+
+    def project() -> dict[Hashable, FloatArray]:
+        heights = other.read("height", (slice(None), slice(None)))
+        return {"": project_maplet(Maplet("other", other.grid, heights), surface.grid).height}
+
+    heights = cache.find((stamp, "projected"), "", project)
+    return ComparedSource(
+        surface, ArraySource(surface.grid, {"height": heights}, other.stamp), stamp
+    )
 
 
 def _same_nodes(one: MapletGrid, other: MapletGrid) -> bool:

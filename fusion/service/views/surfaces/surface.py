@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusion.report.maplets import hillshade, slope_deg
+from fusion.service.views.places import grid_json
 from fusion.service.views.surfaces.cache import LayerCache
 from fusion.service.views.surfaces.layers import LAYERS, range_of
 from fusion.service.views.surfaces.levels import (
@@ -25,7 +26,6 @@ from fusion.service.views.surfaces.sources import Index, Source
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
-from spcola.math import lon_lat_deg
 
 # Rows that are read at once to make overview levels; even.
 _BAND = 256
@@ -80,19 +80,10 @@ class Surface:
 
     def describe(self) -> dict[str, Any]:
         """Return grid, layers and levels in JSON types; keys carry units."""
-        grid = self.grid
-        longitude, latitude = lon_lat_deg(grid.center)
         return {
             "kind": self.kind,
             "name": self.name,
-            "center_m": grid.center.tolist(),
-            "axes": grid.axes.tolist(),
-            "gsd_m": grid.gsd,
-            "size": grid.size,
-            "half_size": grid.half_size,
-            "latitude_deg": float(latitude),
-            "longitude_deg": float(longitude),
-            "radius_m": float(np.linalg.norm(grid.center)),
+            **grid_json(self.grid),
             "tile": TILE,
             "levels": [self._level_json(level) for level in self.levels],
             "layers": [self._layer_json(name) for name in self.layers],
