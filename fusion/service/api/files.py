@@ -84,7 +84,8 @@ def _opened(root: Path, name: str) -> BinaryIO:
         raise missing
     try:
         path = root.joinpath(*parts).resolve(strict=True)
-        if not path.is_relative_to(root.resolve()):
+        inside = path.relative_to(root.resolve()).parts
+        if any(part.startswith(".") for part in inside):
             raise missing
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except (OSError, RuntimeError, ValueError) as error:

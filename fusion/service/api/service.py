@@ -15,7 +15,6 @@ from starlette.requests import Request
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import EventFeed
 from fusion.service.api.records import Metrics
-from fusion.service.jobs import JobState
 from fusion.service.store import Store, Token
 from fusion.service.views.surfaces import LayerCache
 from fusion.workspace import SETTINGS_FILE, Workspace
@@ -187,9 +186,8 @@ class Service:
 
     def count_jobs(self) -> None:
         """Count the jobs of each state for the metrics."""
-        counts = self.store.counts()
-        for state in JobState:
-            self.metrics.jobs.labels(state.value).set(counts.get(state, 0))
+        for state, count in self.store.counts().items():
+            self.metrics.jobs.labels(state.value).set(count)
 
     def ready(self) -> str:
         """Return why the service cannot work; empty if it can."""

@@ -106,7 +106,7 @@ class SqlQueue:
         """Return how many jobs there are in each state."""
         query = select(JOB.c.state, func.count()).group_by(JOB.c.state)
         with self._database.reading() as connection:
-            found: dict[str, int] = dict(connection.execute(query).tuples().all())
+            found = {row[0]: int(row[1]) for row in connection.execute(query)}
         return {state: found.get(state.value, 0) for state in JobState}
 
     def claim(self, worker: str, lease_s: float) -> Job | None:

@@ -67,7 +67,7 @@ class ForecastRequest(BaseModel):
 @routes.add("POST", "/workspaces/{workspace}/jobs", RUN, status_code=202)
 def submit(request: Request, workspace: str, body: JobSubmission, key: Key = "") -> Response:
     """Submit a job; the answer names it before it begins."""
-    _check_before(request, workspace, body.after)
+    _check_before(request, body.after)
     asked = {"priority": body.priority, "after": tuple(body.after), "key": key}
     return submitted(request, workspace, body.kind, body.parameters, asked)
 
@@ -219,6 +219,7 @@ def submitted(
     parameters: dict[str, Any],
     asked: dict[str, Any],
 ) -> Response:
+    """Submit a job of a kind, checked before; `asked` are further fields of its request."""
     service = service_of(request)
     check_parameters(service, workspace, kind, parameters)
     user = caller_of(request).name
@@ -228,7 +229,7 @@ def submitted(
     return answer
 
 
-def _check_before(request: Request, workspace: str, jobs: list[str]) -> None:
+def _check_before(request: Request, jobs: list[str]) -> None:
     """Refuse jobs to wait for that may not be read; the answer does not say whether they are."""
     caller, store = caller_of(request), service_of(request).store
     for identity in jobs:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 import numpy as np
-from fastapi import Query
+from fastapi import Depends, Query
+from pydantic import BaseModel, Field
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -32,17 +34,42 @@ _FLOATS = "application/octet-stream"
 _BOTH = {200: {"content": {_FLOATS: {}, "image/png": {}}}}
 
 Solution = Annotated[str, Query(max_length=100, description="By default the one in use.")]
-Layer = Annotated[str, Query(max_length=32, description="Such as height.")]
-Form = Annotated[
-    Literal["float32", "png"],
-    Query(alias="format", description="float32: little-endian rows, NaN where unknown."),
-]
-Bits = Annotated[Literal[8, 16], Query(description="Of a PNG: 8 in colours, 16 in codes of grey.")]
-Bound = Annotated[float | None, Query(description="Value of the first or last colour of a PNG.")]
-Index = Annotated[int, Query(ge=0, le=1 << 30)]
-Count = Annotated[int, Query(ge=1, le=1 << 16)]
-Level = Annotated[int, Query(ge=1, le=1 << 16, description="Grid points along a side of a cell.")]
 Metres = Annotated[float, Query(allow_inf_nan=False)]
+
+
+class Picture(BaseModel):
+    """Which layer is wanted, and in which form."""
+
+    layer: str = Field(default="height", max_length=32)
+    form: Literal["float32", "png"] = Field(
+        default="png", alias="format", description="float32: little-endian, NaN where unknown."
+    )
+    bits: Literal["8", "16"] = Field(
+        default="8", description="Of a PNG: 8 in colours, 16 in codes of grey, 0 where unknown."
+    )
+    low: float | None = Field(default=None, description="Value of a PNG's first colour.")
+    high: float | None = Field(default=None, description="Value of a PNG's last colour.")
+
+
+class Window(Picture):
+    """A window of a layer at an overview level."""
+
+    form: Literal["float32", "png"] = Field(default="float32", alias="format")
+    level: int = Field(default=1, ge=1, le=1 << 16, description="Grid points on a cell's side.")
+    row: int = Field(default=0, ge=0, le=1 << 30)
+    column: int = Field(default=0, ge=0, le=1 << 30)
+    rows: int = Field(ge=1, le=1 << 16)
+    columns: int = Field(ge=1, le=1 << 16)
+
+
+def _opened(
+    request: Request, workspace: str, kind: SurfaceKind, name: str, solution: Solution = ""
+) -> Surface:
+    with opened_for(request, workspace, solution) as opened:
+        return open_surface(opened, kind, name, cache=service_of(request).cache)
+
+
+Found = Annotated[Surface, Depends(_opened)]
 
 
 @routes.add("GET", "", READ)
@@ -64,148 +91,85 @@ def surfaces(
 
 
 @routes.add("GET", _ONE, READ)
-def surface(
-    request: Request, workspace: str, kind: SurfaceKind, name: str, solution: Solution = ""
-) -> Response:
+def surface(request: Request, found: Found) -> Response:
     """Return grid, layers, overview levels and ranges of values of a surface."""
-    return json_answer(request, _opened(request, workspace, kind, name, solution).describe())
+    return json_answer(request, found.describe())
 
 
 @routes.add("GET", f"{_ONE}/window", READ, responses=_BOTH)
-def window(
-    request: Request,
-    workspace: str,
-    kind: SurfaceKind,
-    name: str,
-    rows: Count,
-    columns: Count,
-    layer: Layer = "height",
-    level: Level = 1,
-    row: Index = 0,
-    column: Index = 0,
-    form: Form = "float32",
-    bits: Bits = 8,
-    low: Bound = None,
-    high: Bound = None,
-    solution: Solution = "",
-) -> Response:
+def window(request: Request, found: Found, asked: Annotated[Window, Query()]) -> Response:
     """Return a window of a layer at an overview level."""
-    if rows * columns > service_of(request).limits.window_pixels:
+    if asked.rows * asked.columns > service_of(request).limits.window_pixels:
         raise RequestRefusedError(Refusal.INVALID, "is too large", "window", "ask for parts of it")
-    found = _opened(request, workspace, kind, name, solution)
-    tag = f'"{found.etag}"'
-    if matches(request.headers.get("if-none-match", ""), tag):
-        return Response(status_code=304, headers={"ETag": tag})
-    span = {"rows": (row, row + rows), "columns": (column, column + columns)}
-    values = found.window(layer, level=level, **span)
-    return _picture(found, layer, values, form, (bits, low, high))
+    rows = (asked.row, asked.row + asked.rows)
+    columns = (asked.column, asked.column + asked.columns)
+    return _picture(
+        request,
+        found,
+        asked,
+        lambda: found.window(asked.layer, level=asked.level, rows=rows, columns=columns),
+    )
 
 
 @routes.add("GET", f"{_ONE}/tiles/{{level}}/{{row}}/{{column}}", READ, responses=_BOTH)
 def tile(
     request: Request,
-    workspace: str,
-    kind: SurfaceKind,
-    name: str,
+    found: Found,
     level: int,
     row: int,
     column: int,
-    layer: Layer = "height",
-    form: Form = "png",
-    bits: Bits = 8,
-    low: Bound = None,
-    high: Bound = None,
-    solution: Solution = "",
+    asked: Annotated[Picture, Query()],
 ) -> Response:
     """Return a tile of 256 × 256 of a layer at an overview level."""
-    found = _opened(request, workspace, kind, name, solution)
-    tag = f'"{found.etag}"'
-    if matches(request.headers.get("if-none-match", ""), tag):
-        return Response(status_code=304, headers={"ETag": tag})
-    values = found.tile(layer, level, row, column)
-    return _picture(found, layer, values, form, (bits, low, high))
+    return _picture(request, found, asked, lambda: found.tile(asked.layer, level, row, column))
 
 
 @routes.add("GET", f"{_ONE}/value", READ)
-def value(
-    request: Request,
-    workspace: str,
-    kind: SurfaceKind,
-    name: str,
-    x: Metres,
-    y: Metres,
-    solution: Solution = "",
-) -> Response:
+def value(request: Request, found: Found, x: Metres, y: Metres) -> Response:
     """Return all layers at a point, metres from the centre: x along Uy, y along −Ux."""
-    found = _opened(request, workspace, kind, name, solution)
     return json_answer(request, value_at(found, x, y))
 
 
 @routes.add("GET", f"{_ONE}/profile", READ)
 def along(
     request: Request,
-    workspace: str,
-    kind: SurfaceKind,
-    name: str,
+    found: Found,
     begin: Annotated[str, Query(alias="from", max_length=80, examples=["-10,0"])],
     end: Annotated[str, Query(alias="to", max_length=80, examples=["10,0"])],
     layers: Annotated[str, Query(max_length=200, examples=["height,sigma"])] = "",
-    solution: Solution = "",
 ) -> Response:
     """Return layers along a line between two points x,y in metres, with sigma where there is."""
-    found = _opened(request, workspace, kind, name, solution)
     wanted = [part.strip() for part in layers.split(",") if part.strip()]
-    return json_answer(
-        request, profile(found, _point(begin, "from"), _point(end, "to"), wanted).as_json()
-    )
+    line = profile(found, _point(begin, "from"), _point(end, "to"), wanted)
+    return json_answer(request, line.as_json())
 
 
 @routes.add("GET", f"{_ONE}/colours", READ)
 def colours(
-    request: Request,
-    workspace: str,
-    kind: SurfaceKind,
-    name: str,
-    layer: Layer = "height",
-    solution: Solution = "",
+    request: Request, found: Found, layer: Annotated[str, Query(max_length=32)] = "height"
 ) -> Response:
     """Return the colours of a layer's pictures, for a legend: red, green and blue, 0 to 255."""
-    found = _opened(request, workspace, kind, name, solution)
     found.check_layer(layer)
     return json_answer(request, {"layer": layer, "colours": colours_of(layer)})
 
 
-def _opened(
-    request: Request, workspace: str, kind: SurfaceKind, name: str, solution: str
-) -> Surface:
-    with opened_for(request, workspace, solution) as opened:
-        return open_surface(opened, kind, name, cache=service_of(request).cache)
-
-
 def _picture(
-    surface: Surface,
-    layer: str,
-    values: FloatArray,
-    form: str,
-    how: tuple[Literal[8, 16], float | None, float | None],
+    request: Request, surface: Surface, asked: Picture, read: Callable[[], FloatArray]
 ) -> Response:
-    """Return a window as PNG, or as numbers."""
-    rows, columns = values.shape
-    headers = {
-        "ETag": f'"{surface.etag}"',
-        "Cache-Control": "private, no-cache",
-        "X-Rows": str(rows),
-        "X-Columns": str(columns),
-    }
-    if form == "float32":
+    """Return a window as PNG or as numbers; nothing is read if the asker has it already."""
+    tag = f'"{surface.etag}"'
+    headers = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
+    if matches(request.headers.get("if-none-match", ""), tag):
+        return Response(status_code=304, headers=headers)
+    values = read()
+    headers |= {"X-Rows": str(values.shape[0]), "X-Columns": str(values.shape[1])}
+    if asked.form == "float32":
         body = np.ascontiguousarray(values, dtype="<f4").tobytes()
         return Response(body, media_type=_FLOATS, headers=headers)
-    bits, low, high = how
-    own = surface.range(layer) or (0.0, 1.0)
-    limits = (own[0] if low is None else low, own[1] if high is None else high)
-    return Response(
-        png_of(values, layer, limits, bits=bits), media_type="image/png", headers=headers
-    )
+    low, high = surface.range(asked.layer) or (0.0, 1.0)
+    limits = (low if asked.low is None else asked.low, high if asked.high is None else asked.high)
+    body = png_of(values, asked.layer, limits, bits=16 if asked.bits == "16" else 8)
+    return Response(body, media_type="image/png", headers=headers)
 
 
 def _point(text: str, where: str) -> tuple[float, float]:

@@ -36,7 +36,7 @@ _PART_BODY = {
     "requestBody": {
         "required": True,
         "content": {
-            "application/offset+octet-stream": {"schema": {"type": "string", "format": "binary"}}
+            "application/octet-stream": {"schema": {"type": "string", "format": "binary"}}
         },
     }
 }
@@ -73,7 +73,7 @@ def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Respo
     try:
         _file_of(service, upload).begin()
     except BaseException:
-        service.store.uploads.end(upload.id, UploadState.REMOVED)
+        service.store.uploads.remove(upload.id)
         raise
     headers = {**_TUS, "Location": f"{request.url.path}/{upload.id}", "Upload-Offset": "0"}
     return _answer(request, upload, headers, HTTPStatus.CREATED)
@@ -84,7 +84,7 @@ def uploads(request: Request, workspace: str) -> Response:
     """List the uploads of a workspace that are open or wait for their import."""
     service = service_of(request)
     service.place(workspace)
-    found = [*_those(service, workspace)]
+    found = service.store.uploads.kept(workspace)
     return json_answer(request, {"uploads": [_json(upload) for upload in found]})
 
 
@@ -151,10 +151,10 @@ def complete_upload(request: Request, workspace: str, upload: str) -> Response:
             file.complete(found.sha256)
         except RequestRefusedError:
             # Nobody knows which bytes are wrong.
-            service.store.uploads.end(found.id, UploadState.REMOVED)
+            service.store.uploads.remove(found.id)
             file.remove()
             raise
-        return _answer(request, service.store.uploads.end(found.id, UploadState.COMPLETE))
+        return _answer(request, service.store.uploads.complete(found.id))
 
 
 @routes.add("DELETE", "/{upload}", RUN, status_code=204)
@@ -163,7 +163,7 @@ def remove_upload(request: Request, workspace: str, upload: str) -> Response:
     service = service_of(request)
     found = _open(service, workspace, upload)
     with service.receiving(found.id):
-        service.store.uploads.end(found.id, UploadState.REMOVED)
+        service.store.uploads.remove(found.id)
         _file_of(service, found).remove()
     return Response(status_code=204)
 
@@ -214,7 +214,7 @@ def _check_room(service: Service, workspace: str, size: int) -> None:
         raise RequestRefusedError(
             Refusal.TOO_LARGE, f"is more than {limits.upload_bytes} bytes", "size"
         )
-    others = _those(service, workspace)
+    others = service.store.uploads.kept(workspace)
     used = sum(upload.size for upload in others)
     if len(others) >= limits.uploads or used + size > limits.quota_bytes:
         raise RequestRefusedError(
@@ -227,12 +227,6 @@ def _check_room(service: Service, workspace: str, size: int) -> None:
         raise RequestRefusedError(
             Refusal.DISK_FULL, "there is no space for it on the disk", do="free some"
         )
-
-
-def _those(service: Service, workspace: str) -> list[Upload]:
-    """Return the uploads that take space."""
-    uploads = service.store.uploads
-    return [*uploads.of(workspace), *uploads.of(workspace, UploadState.COMPLETE)]
 
 
 def _open(service: Service, workspace: str, identity: str) -> Upload:
