@@ -279,8 +279,12 @@ def _check_scheduler(address: str) -> None:
         )
 
 
-def _no_scheduler(address: str) -> SettingsError:
-    return SettingsError(f"no Dask scheduler answers at {address}", WHERE, _START)
+class NoSchedulerError(ClusterError, SettingsError):
+    """No scheduler answers at the address."""
+
+
+def _no_scheduler(address: str) -> NoSchedulerError:
+    return NoSchedulerError(f"no Dask scheduler answers at {address}", WHERE, _START)
 
 
 def _given_up(item: Any) -> PoisonousItemError:

@@ -1,3 +1,4 @@
+from .parent import end_with_parent as end_with_parent
 from .payload import Payload as Payload
 from .payload import perform as perform
 from .poisonous import PoisonousItemError as PoisonousItemError

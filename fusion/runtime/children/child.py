@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import pickle
-import select
 import signal
-import threading
 import traceback
 from multiprocessing.connection import Connection
 from typing import Any
 
 import cloudpickle
 
+from fusion.runtime.children.parent import end_with_parent
 from fusion.runtime.children.payload import perform
 from fusion.runtime.processes import limit_process
 from spcola.errors import SpcolaError
@@ -35,7 +32,7 @@ def serve(connection_number: int, parent_number: int, memory_mb: int) -> None:
     """
     # The parent handles Ctrl-C, and ends this process then.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with_parent(parent_number)
+    end_with_parent(parent_number)
     limit_process(memory_mb)
     connection = Connection(connection_number)
     connection.send_bytes(b"ready")
@@ -45,29 +42,6 @@ def serve(connection_number: int, parent_number: int, memory_mb: int) -> None:
             connection.send_bytes(answer)
         except (EOFError, OSError):
             return
-
-
-def _end_with_parent(parent_number: int) -> None:
-    """Have the kernel kill this process when the parent is gone, however that ended.
-
-    A thread that waits for it would not run while a library keeps the interpreter's lock, and
-    PR_SET_PDEATHSIG is about the thread that started this process, not about its process.
-    """
-    if not hasattr(fcntl, "F_SETSIG"):  # not on macOS
-        threading.Thread(target=_await_end, args=(parent_number,), daemon=True).start()
-        return
-    fcntl.fcntl(parent_number, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(parent_number, fcntl.F_SETSIG, signal.SIGKILL)
-    flags = fcntl.fcntl(parent_number, fcntl.F_GETFL)
-    fcntl.fcntl(parent_number, fcntl.F_SETFL, flags | os.O_ASYNC)
-    # It may have been gone before.
-    if select.select([parent_number], [], [], 0.0)[0]:
-        os._exit(1)
-
-
-def _await_end(parent_number: int) -> None:
-    os.read(parent_number, 1)
-    os._exit(1)
 
 
 def _answer(content: bytes, digest: str, item: bytes) -> bytes:

@@ -109,7 +109,9 @@ def test_a_closed_executor_has_no_children() -> None:
 
 
 PROGRAM = """
-import os, sys, time
+import os, signal, sys, time
+# A job in the background of a shell has interrupts ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from fusion.runtime.children import ProcessExecutor
 def run(item):
     # An interpreter's lock that is never given up.
@@ -129,7 +131,6 @@ def test_no_child_outlives_its_parent(how: signal.Signals, item: int) -> None:
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert parent.stderr is not None
     children = [int(parent.stderr.readline()) for _ in range(2)]
