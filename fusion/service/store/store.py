@@ -1,0 +1,126 @@
+"""The store of the service: jobs, tokens, audit log, uploads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from fusion.service.store.audit import AuditLog
+from fusion.service.store.backup import read_backup, write_backup
+from fusion.service.store.opening import opened_database
+from fusion.service.store.queue import SqlQueue
+from fusion.service.store.records import AuditEntry
+from fusion.service.store.recovery import record_recovered_runs
+from fusion.service.store.tokens import Tokens
+from fusion.service.store.uploads import Uploads
+
+
+class Store(SqlQueue):
+    """What the service keeps, in an SQLite file or on a PostgreSQL server.
+
+    Any number of processes and threads may use it at once. Each method is one transaction: a
+    process that is killed leaves what was there before, or all of what it did.
+
+    Parameters
+    ----------
+    url : str or Path
+        Path of a file, or ``postgresql://user@host/name``. Tables are made if there are none, and
+        those of an earlier version upgraded after a backup. A damaged file is kept under another
+        name, and a new one is made.
+    backups : Path, optional
+        Folder for that backup; of a file its own folder by default.
+    clock, monotonic : callable
+        As of :class:`SqlQueue`.
+
+    Attributes
+    ----------
+    notes : list of str
+        What was repaired when it was opened; empty if nothing.
+    tokens : Tokens
+    audit : AuditLog
+    uploads : Uploads
+
+    Raises
+    ------
+    StoreError
+        If it cannot be opened, or a later version of the program wrote it.
+    """
+
+    def __init__(
+        self,
+        url: str | Path,
+        *,
+        backups: Path | None = None,
+        clock: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        database, self.notes = opened_database(url, backups)
+        super().__init__(database, clock=clock, monotonic=monotonic)
+        self.tokens = Tokens(database, clock)
+        self.audit = AuditLog(database, clock)
+        self.uploads = Uploads(database, clock)
+        for note in self.notes:
+            self.audit.add(AuditEntry("spcola", "store-rebuilt", details={"text": note}))
+
+    def backup(self, path: str | Path) -> None:
+        """Write all to a new SQLite file, as it is at one moment, while others go on.
+
+        Raises
+        ------
+        StoreError
+            If the file exists or cannot be written.
+        """
+        write_backup(self._database, Path(path))
+
+    def restore(self, path: str | Path) -> None:
+        """Replace all by a backup, also one of an earlier version or of the other kind of store.
+
+        It is one transaction, so that servers and workers may go on. Tokens that are revoked now
+        stay revoked; jobs that ran when the backup was made wait again.
+
+        Raises
+        ------
+        StoreError
+            If the file is missing, damaged, no backup, or of a later version.
+        """
+        read_backup(self._database, Path(path))
+        self.audit.add(AuditEntry("spcola", "store-restored", target=Path(path).name))
+
+    def recover(self, workspaces: Mapping[str, Path]) -> list[str]:
+        """Record what workspaces show had been done, as finished runs of the user ``recovered``.
+
+        For a new store in the place of a damaged one. Waiting jobs, tokens and the audit log are
+        in backups only.
+
+        Parameters
+        ----------
+        workspaces : mapping of str to Path
+            Folders by the names of the workspaces.
+
+        Returns
+        -------
+        list of str
+            What was found, a line for each solution.
+        """
+        lines = record_recovered_runs(self._database, workspaces)
+        for line in lines:
+            self.audit.add(AuditEntry("spcola", "run-recovered", details={"text": line}))
+        return lines
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
