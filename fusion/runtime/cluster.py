@@ -20,9 +20,9 @@ from distributed.core import rpc
 from distributed.scheduler import KilledWorker
 
 from fusion.runtime.children import Payload, PoisonousItemError, item_name, perform
-from fusion.runtime.executor import AHEAD
+from fusion.runtime.executor import AHEAD, ClusterError
 from fusion.runtime.processes.interrupt import check_interrupts
-from spcola.errors import SettingsError, SpcolaError
+from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -36,10 +36,6 @@ _LOOK_S = 5
 _START = "start one: dask scheduler, and on each machine: dask worker ADDRESS"
 # A task is given up after so many workers died of it, or its function was lost as often.
 _TRIES = 3
-
-
-class ClusterError(SpcolaError):
-    """The cluster was lost: what was under way can go on when it is back."""
 
 
 @dataclass

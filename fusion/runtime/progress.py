@@ -16,6 +16,8 @@ from rich.progress import Progress as RichProgress
 
 from fusion.runtime.remaining import RemainingTime
 
+__all__ = ["Progress", "Task"]
+
 PATIENCE_S = 2.0
 """Work shorter than this shows nothing."""
 LINE_INTERVAL_S = 10.0

@@ -37,6 +37,10 @@ class _DiedError(Exception):
     """A child ended, or was ended, before it answered; the text says how."""
 
 
+class _NotStartedError(_DiedError):
+    """A child ended before it took an item."""
+
+
 class ProcessExecutor:
     """Runs calls in child processes, one item at a time in each.
 
@@ -97,19 +101,21 @@ class ProcessExecutor:
 
     def _done(self, payload: Payload, item: Any) -> Any:
         """Return the result of an item."""
-        message, how = cloudpickle.dumps(item), ""
+        message, last = cloudpickle.dumps(item), _DiedError()
         for _ in range(self._tries):
             try:
                 with self._child() as child:
                     kind, value = child.answer(payload, message)
             except _DiedError as death:
-                how = str(death)
+                last = death
                 continue
             if kind == ERROR:
                 raise value
             return value
+        if isinstance(last, _NotStartedError):
+            raise SpcolaError(str(last), "work", "allow more memory, or see what it printed")
         advice = "it is damaged, made to do harm, or needs more memory or time"
-        raise PoisonousItemError(item_name(item), self._tries, how, advice)
+        raise PoisonousItemError(item_name(item), self._tries, str(last), advice)
 
     @contextmanager
     def _child(self) -> Iterator[_Child]:
@@ -184,8 +190,6 @@ class _Child:
         ------
         _DiedError
             If the child ended, or exceeded its limits.
-        SpcolaError
-            If it never began.
         """
         if not self._is_ready:
             self._await_start()
@@ -215,11 +219,8 @@ class _Child:
         except (EOFError, OSError):
             self._is_ready = False
         if not self._is_ready:
-            raise SpcolaError(
-                f"a child process did not start: {self._how()}{self._limit_text()}",
-                "work",
-                "allow more memory, or see what it printed",
-            )
+            text = f"a child process did not start: {self._how()}{self._limit_text()}"
+            raise _NotStartedError(text)
 
     def _how(self) -> str:
         """Return how the process ended."""

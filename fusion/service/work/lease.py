@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import threading
@@ -31,8 +32,8 @@ class Lease:
     progress : callable
         Returns how far the job is.
     stopper : Stopper
-        Is used when the job is cancelled, lost, or takes longer than `most_s`.
-    most_s : float
+        Is used when the job is cancelled, lost, or makes no progress for `still_s`.
+    still_s : float
         Work that goes on 15 s later, as a library hangs, ends with its process.
     """
 
@@ -45,11 +46,11 @@ class Lease:
         progress: Callable[[], JobProgress],
         stopper: Stopper,
         *,
-        most_s: float = float("inf"),
+        still_s: float = math.inf,
     ) -> None:
         self._queue, self._job, self._worker, self._options = queue, job, worker, options
         self._progress, self._stopper = progress, stopper
-        self._most_s, self._begun = most_s, time.monotonic()
+        self._still_s, self._last, self._since = still_s, ("", "", 0), time.monotonic()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._renewals, name="lease", daemon=True)
 
@@ -68,14 +69,10 @@ class Lease:
 
     def _renewals(self) -> None:
         while not self._ended.wait(self._options.renew_s):
-            taken = time.monotonic() - self._begun
-            if taken > self._most_s + _PATIENCE_S:
-                log.error("the job hangs: its worker ends", job=self._job.id)
-                os.kill(os.getpid(), signal.SIGKILL)
-            if taken > self._most_s:
-                self._stopper.stop(Stop.TOO_LONG)
+            progress = self._progress()
+            self._check_still(progress)
             try:
-                self._renew()
+                self._renew(progress)
             except LeaseLostError:
                 self._stopper.stop(Stop.LOST)
                 return
@@ -83,8 +80,20 @@ class Lease:
                 # A store that does not answer for a while is no reason to lose hours of work.
                 log.warning("the lease was not renewed", job=self._job.id, error=str(error))
 
-    def _renew(self) -> None:
+    def _check_still(self, progress: JobProgress) -> None:
+        """Stop work that makes no progress."""
+        now = (progress.stage, progress.task, progress.done)
+        if now != self._last:
+            self._last, self._since = now, time.monotonic()
+        still = time.monotonic() - self._since
+        if still > self._still_s + _PATIENCE_S:
+            log.error("the job hangs: its worker ends", job=self._job.id)
+            os.kill(os.getpid(), signal.SIGKILL)
+        if still > self._still_s:
+            self._stopper.stop(Stop.TOO_LONG)
+
+    def _renew(self, progress: JobProgress) -> None:
         """Renew the lease once, and stop the work if it was cancelled."""
         seconds = self._options.lease_s
-        if self._queue.renew(self._job.id, self._worker, seconds, self._progress()):
+        if self._queue.renew(self._job.id, self._worker, seconds, progress):
             self._stopper.stop(Stop.CANCEL)

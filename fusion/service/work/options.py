@@ -20,6 +20,8 @@ class WorkOptions:
         Address of a Dask scheduler that does the items of runs instead.
     limits : ProcessLimits
         Memory and time for each file that a user uploaded.
+    tries : int
+        Processes that one item may end before the job fails.
     lease_s, renew_s : float
         A job whose worker shows no sign of life for `lease_s` is given to another; its lease is
         renewed, with its progress, every `renew_s`.
@@ -38,6 +40,7 @@ class WorkOptions:
     threads: int | None = None
     cluster: str = ""
     limits: ProcessLimits = field(default_factory=ProcessLimits)
+    tries: int = 3
     lease_s: float = 30.0
     renew_s: float = 2.0
     poll_s: float = 0.5
@@ -53,7 +56,7 @@ class WorkOptions:
             self.cluster_wait_s,
             self.busy_wait_s,
         )
-        if min(intervals) <= 0.0 or not self.renew_s <= self.lease_s / 3.0:
+        if min(intervals) <= 0.0 or self.tries < 1 or not self.renew_s <= self.lease_s / 3.0:
             raise InvalidValueError(
-                "are not positive, or a lease would end before it is renewed", "intervals of work"
+                "are not positive, or a lease would end before it is renewed", "options of work"
             )

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fusion.runtime.children import PoisonousItemError
+from fusion.runtime.executor import ClusterError
 from fusion.runtime.folders import BusyError
 from fusion.service.jobs import JobError
 from fusion.service.store import StoreError, StoreFault
@@ -69,15 +70,9 @@ def reason_to_wait(error: Exception, options: WorkOptions) -> Wait | None:
         return Wait(options.disk_wait_s, "disk-full", f"no space is left to write: {text}")
     if isinstance(error, BusyError):
         return Wait(options.busy_wait_s, "busy", text)
-    if options.cluster and _is_cluster_loss(error):
+    if isinstance(error, ClusterError):
         return Wait(options.cluster_wait_s, "cluster-lost", text)
     return None
-
-
-def _is_cluster_loss(error: Exception) -> bool:
-    from fusion.runtime.cluster import ClusterError
-
-    return isinstance(error, ClusterError)
 
 
 def _is_full_disk(error: BaseException) -> bool:

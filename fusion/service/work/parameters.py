@@ -114,7 +114,9 @@ def _check_paths(tables: Mapping[str, Mapping[str, Any]]) -> None:
             for text in _texts(value):
                 if PurePath(text).is_absolute() or ".." in PurePath(text).parts:
                     raise SettingsError(
-                        "must not lead out of the workspace", f"[{table}] {key}", "name a file in it"
+                        "must not lead out of the workspace",
+                        f"[{table}] {key}",
+                        "name a file in it",
                     )
 
 

@@ -18,7 +18,7 @@ class Stop(StrEnum):
     DRAIN = "drain"  # the worker is to end
     CANCEL = "cancel"  # the user wants no more of it
     LOST = "lost"  # it belongs to another worker by now
-    TOO_LONG = "too-long"  # it took longer than allowed
+    TOO_LONG = "too-long"  # no progress for longer than a file may take
 
 
 class Stopper:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -10,6 +11,7 @@ from typing import Any
 
 import structlog
 
+from fusion import runtime
 from fusion.runtime import Executor, json_value
 from fusion.runtime.children import ProcessExecutor
 from fusion.runtime.processes import limited_memory
@@ -31,7 +33,7 @@ _RECORD_TRIES = 8
 def work(
     queue: JobQueue,
     folder: Path,
-    options: WorkOptions = WorkOptions(),
+    options: WorkOptions,
     *,
     name: str,
     upload: Callable[[str], Upload],
@@ -112,10 +114,10 @@ class _Worker:
     def _done(self, job: Job) -> str:
         """Do a job and record what became of it; return that as a code."""
         report = JobReport(lambda text: self._note(job, text))
-        # Inside the lease: what became of the job is recorded while it still belongs to this worker.
+        # What became of the job is recorded while its lease is renewed.
         with Lease(
             self._queue, job, self._name, self._options, self._progress(report), self.stopper,
-            most_s=self._options.limits.seconds if job.request.kind in UPLOADED else float("inf"),
+            still_s=self._still_s(job),
         ):  # fmt: skip
             try:
                 with self.stopper.stoppable():
@@ -126,6 +128,12 @@ class _Worker:
                 return self._failed(job, error)
             self._record(lambda: self._queue.finish(job.id, self._name, result))
         return "finished"
+
+    def _still_s(self, job: Job) -> float:
+        """Return how long a job may make no progress: the tries of one file, and some more."""
+        uploaded = job.request.kind in UPLOADED
+        limits, tries = self._options.limits, self._options.tries
+        return (tries + 1) * limits.seconds + 60.0 if uploaded else math.inf
 
     def _progress(self, report: JobReport) -> Callable[[], Any]:
         def now() -> Any:
@@ -145,16 +153,16 @@ class _Worker:
         with ExitStack() as stack:
             uploaded = job.request.kind in UPLOADED
             if self._options.cluster and not uploaded:
-                from fusion.runtime import ClusterExecutor
-
-                cluster = ClusterExecutor(self._options.cluster)
+                cluster = runtime.ClusterExecutor(self._options.cluster)
                 stack.callback(cluster.close)
                 yield cluster
                 return
             limits = self._options.limits if uploaded else None
             if limits is not None:
                 stack.enter_context(limited_memory(limits.memory_mb))
-            yield stack.enter_context(ProcessExecutor(self._options.threads, limits=limits))
+            options = self._options
+            made = ProcessExecutor(options.threads, limits=limits, tries=options.tries)
+            yield stack.enter_context(made)
 
     def _stopped(self, job: Job) -> str:
         """Record that the work was stopped."""
@@ -162,7 +170,7 @@ class _Worker:
         if reason is Stop.LOST:
             return reason.value
         if reason is Stop.TOO_LONG:
-            text = f"took more than {self._options.limits.seconds:g} s"
+            text = f"made no progress for {self._still_s(job):g} s"
             self._record(lambda: self._queue.fail(job.id, self._name, JobError(reason, text)))
             return reason.value
         if reason is None:
@@ -215,4 +223,3 @@ class _Worker:
                 time.sleep(min(2.0**number * _STEP_S, self._options.lease_s / 4.0))
                 continue
             return
-
