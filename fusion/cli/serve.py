@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -216,15 +216,16 @@ def token_revoke(
 @contextmanager
 def _alone(folder: Path) -> Iterator[Path]:
     """Let no second service work on a folder meanwhile; yield the folder of its state."""
-    from fusion.runtime.folders import is_locked, locked, make_folder
+    from fusion.runtime.folders import BusyError, locked, make_folder
 
     state = _state_folder(folder)
     make_folder(state)
-    if is_locked(state / _LOCK_FILE):
-        raise WorkspaceError(
-            "another spcola serve serves this folder", folder, "stop it, or use its address"
-        )
-    with locked(state / _LOCK_FILE):
+    with ExitStack() as lock:
+        try:
+            lock.enter_context(locked(state / _LOCK_FILE))
+        except BusyError as error:
+            what, do = "another spcola serve serves this folder", "stop it, or use its address"
+            raise WorkspaceError(what, folder, do) from error
         yield state
 
 

@@ -18,6 +18,10 @@ LOCK_FILE = ".lock"
 _ASKED_AGAIN_S = 0.2
 
 
+class BusyError(WorkspaceError):
+    """Another program works in the folder."""
+
+
 @contextmanager
 def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Hold the lock file `path`, so that no other program works in its folder meanwhile.
@@ -30,8 +34,10 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
 
     Raises
     ------
+    BusyError
+        If another program holds it.
     WorkspaceError
-        If another program holds it or removed it meanwhile, or it cannot be written.
+        If it was removed meanwhile, or cannot be written.
     """
     try:
         lock = path.open("w", encoding="utf-8")
@@ -40,7 +46,7 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     with lock:
         while not _taken(lock):
             if not wait:
-                raise WorkspaceError(
+                raise BusyError(
                     "another spcola is at work here", path.parent, "wait until it is done: --wait"
                 )
             # A blocking call would keep Ctrl-C from being noticed.
