@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
@@ -128,6 +128,9 @@ class Guard:
 
         try:
             await self.app(request.scope, request.receive, noticing)
+        except ClientDisconnect:
+            # Nobody is there to be answered.
+            return
         except Exception as error:
             response = problem_response(request, error)
             if begun is not None:

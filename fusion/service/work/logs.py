@@ -39,7 +39,10 @@ def start_log(folder: Path | None, name: str) -> None:
     ]
     last: list[Any] = [
         structlog.stdlib.ProcessorFormatter.remove_processors_meta,
-        structlog.processors.dict_tracebacks,
+        # Without local variables, which may be secrets.
+        structlog.processors.ExceptionRenderer(
+            structlog.tracebacks.ExceptionDictTransformer(show_locals=False)
+        ),
         structlog.processors.JSONRenderer(),
     ]
     form = structlog.stdlib.ProcessorFormatter(foreign_pre_chain=common, processors=last)

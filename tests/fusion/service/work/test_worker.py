@@ -29,13 +29,6 @@ from fusion.truth import make_mission
 Items = Callable[[], dict[str, int]]
 
 
-@pytest.fixture(scope="module")
-def by_command(ball: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
-    """The workspace after the command ``mapolas``, and what that printed; nobody changes it."""
-    root = shutil.copytree(ball, tmp_path_factory.mktemp("command") / "ball")
-    return root, called("mapolas", root)
-
-
 def check_same(service: Service, job: Job, by_command: tuple[Path, dict]) -> None:
     """Assert that a job made the files of the command, and has its output as result."""
     done = service.store.job(job.id)
