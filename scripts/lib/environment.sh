@@ -74,6 +74,18 @@ make_environment() {
     printf '%s\n' "$fingerprint" >"$VENV/done"
 }
 
+# The server for tests of the service's store. Where it cannot be installed they are skipped.
+ensure_postgresql() {
+    if command -v initdb >/dev/null || compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null; then
+        return
+    fi
+    if [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
+        need_packages 'the store of the service is tested on PostgreSQL' postgresql
+    else
+        printf 'No PostgreSQL is installed: its tests are skipped (apt-get install postgresql)\n'
+    fi
+}
+
 ensure_environment() {
     local fingerprint
     fingerprint=$(fingerprint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import sqlite3
 import time
 from contextlib import suppress
@@ -75,13 +76,17 @@ def _sound_file(path: Path) -> list[str]:
 
 
 def _move_aside(path: Path) -> Path:
-    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-    aside = path.with_name(f"{path.name}.damaged-{stamp}-{os.getpid()}")
+    aside = path.with_name(f"{path.name}.damaged-{_stamp()}")
     # The log goes with its file: in the place of a new one's it would be applied to that.
     for suffix in (*_SIDE_FILES, ""):
         with suppress(FileNotFoundError):
             path.with_name(path.name + suffix).replace(aside.with_name(aside.name + suffix))
     return aside
+
+
+def _stamp() -> str:
+    """Return part of a name that no other file has: the time, and some letters."""
+    return f"{time.strftime('%Y%m%dT%H%M%S', time.gmtime())}-{secrets.token_hex(2)}"
 
 
 def _make_file(path: Path) -> None:
@@ -110,8 +115,7 @@ def _prepare(database: Database, backups: Path | None) -> None:
     if version == VERSION:
         return
     if version and backups is not None:
-        stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-        write_backup(database, backups / f"store-version-{version}-{stamp}.sqlite")
+        write_backup(database, backups / f"store-version-{version}-{_stamp()}.sqlite")
     elif version:
         what = f"is of version {version}, and has to be upgraded"
         do = "name a folder for its backup"

@@ -71,7 +71,7 @@ def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Respo
     try:
         _file_of(service, upload).begin()
     except BaseException:
-        service.store.uploads.remove(upload.id)
+        service.store.uploads.end(upload.id, UploadState.REMOVED)
         raise
     headers = {**_TUS, "Location": f"{request.url.path}/{upload.id}", "Upload-Offset": "0"}
     return _answer(request, upload, headers, HTTPStatus.CREATED)
@@ -149,10 +149,10 @@ def complete_upload(request: Request, workspace: str, upload: str) -> Response:
             file.complete(found.sha256)
         except RequestRefusedError:
             # Nobody knows which bytes are wrong.
-            service.store.uploads.remove(found.id)
+            service.store.uploads.end(found.id, UploadState.REMOVED)
             file.remove()
             raise
-        return _answer(request, service.store.uploads.complete(found.id))
+        return _answer(request, service.store.uploads.end(found.id, UploadState.COMPLETE))
 
 
 @routes.add("DELETE", "/{upload}", RUN, status_code=204)
@@ -161,7 +161,7 @@ def remove_upload(request: Request, workspace: str, upload: str) -> Response:
     service = service_of(request)
     found = _open(service, workspace, upload)
     with service.receiving(found.id):
-        service.store.uploads.remove(found.id)
+        service.store.uploads.end(found.id, UploadState.REMOVED)
         _file_of(service, found).remove()
     return Response(status_code=204)
 
