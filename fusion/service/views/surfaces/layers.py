@@ -45,7 +45,7 @@ LAYERS: Mapping[str, LayerKind] = {
         "one standard deviation of the height", "m", Rule.SIGMA, "cividis", "from zero"
     ),
     "hillshade": LayerKind(
-        "relief lit from the upper left, 45° high, from the grid points", "", Rule.MEAN, "gray", "fixed"
+        "relief lit from the upper left, 45° high", "", Rule.MEAN, "gray", "fixed"
     ),
     "albedo": LayerKind("relative albedo", "", Rule.MEAN, "gray"),
     "count": LayerKind("lidar returns in the cell", "", Rule.SUM, "viridis", "from zero"),
