@@ -96,7 +96,7 @@ def main(size: int) -> None:
 
             return act
 
-        print(f"bigmap of {size} × {size} points; ms", f"{'':15} {'median':>9} {'p95':>9} {'most':>9}")
+        print(f"{f'bigmap of {size} × {size} points; ms':44} {'median':>9} {'p95':>9} {'most':>9}")
         root = workspace.root / "bigmaps"
         worst = 0.0
         for layer in ("height", "sigma", "albedo", "difference", "hillshade", "slope"):
@@ -107,6 +107,7 @@ def main(size: int) -> None:
         described = opened().describe()
         print(f"first description (overview levels are made): {time.perf_counter() - begun:.2f} s")
         for each in described["levels"]:
+
             def tile(level: int = each["level"], tiles: int = each["tiles"]) -> bytes:
                 surface, at = opened(), rng.integers(0, tiles, 2).tolist()
                 values = surface.tile("height", level, *at)

@@ -31,6 +31,10 @@ _MOST_FILES = 24
 def solution_tree(workspace: Workspace) -> dict[str, Any]:
     """Return the solutions, each after its parent, and which one is in use.
 
+    Parameters
+    ----------
+    workspace : Workspace
+
     Returns
     -------
     dict
@@ -48,6 +52,12 @@ def solution_tree(workspace: Workspace) -> dict[str, Any]:
 def solutions_compared(workspace: Workspace, first: str, second: str) -> dict[str, Any]:
     """Return how the solution `second` differs from `first`: ``spcola solution diff``.
 
+    Parameters
+    ----------
+    workspace : Workspace
+    first, second : str
+        Names of the solutions.
+
     Raises
     ------
     SpcolaError
@@ -59,6 +69,10 @@ def solutions_compared(workspace: Workspace, first: str, second: str) -> dict[st
 
 def run_list(workspace: Workspace) -> list[dict[str, Any]]:
     """Return the last run of each stage in each solution, the newest first.
+
+    Parameters
+    ----------
+    workspace : Workspace
 
     Returns
     -------
@@ -101,6 +115,10 @@ def run_record(workspace: Workspace, identity: str) -> dict[str, Any]:
 
 def runs_compared(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     """Return what differs between two runs (:func:`run_record`), also of different workspaces.
+
+    Parameters
+    ----------
+    first, second : mapping
 
     Returns
     -------

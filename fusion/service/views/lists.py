@@ -11,6 +11,7 @@ from typing import Any
 from fusion.inspection import describe_file
 from fusion.service.views.places import grid_json, place_json
 from fusion.service.views.surfaces import SurfaceKind, surface_names
+from fusion.service.views.surfaces.opening import BIGMAP_FOLDERS
 from fusion.stages.ingest import scan_facts
 from fusion.workspace import Workspace
 from lidar.formats.native import scan_summary
@@ -18,7 +19,6 @@ from spcola.errors import InvalidValueError, SpcolaError
 from spcola.formats.maplets import MapParts
 
 _MOST = 1000
-_BIGMAPS = {"fused": "bigmaps", "spc": "bigmaps/maplets", "lidar": "bigmaps/returns"}
 
 
 class ListKind(StrEnum):
@@ -122,7 +122,9 @@ def _fused(workspace: Workspace, name: str) -> dict[str, Any]:
 
 def _bigmap(workspace: Workspace, name: str) -> dict[str, Any]:
     """Return the frame of a site's bigmaps, and which of them there are."""
-    paths = {part: workspace.home / folder / f"{name}.MAP" for part, folder in _BIGMAPS.items()}
+    paths = {
+        part: workspace.home / folder / f"{name}.MAP" for part, folder in BIGMAP_FOLDERS.items()
+    }
     there = {part: path for part, path in paths.items() if path.is_file()}
     grid = MapParts.open(next(iter(there.values()))).grid
     return {**grid_json(grid), "surfaces": [f"{name}:{part}" for part in there]}

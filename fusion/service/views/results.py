@@ -29,6 +29,11 @@ _KEPT = ("name", "sigma_m", "used", "cause", "reason", "correlation", "coverage"
 def result_json(workspace: Workspace, name: str) -> dict[str, Any]:
     """Return the content of a result, one of :data:`RESULTS`.
 
+    Parameters
+    ----------
+    workspace : Workspace
+    name : str
+
     Raises
     ------
     WorkspaceError
@@ -46,6 +51,10 @@ def result_json(workspace: Workspace, name: str) -> dict[str, Any]:
 
 def residuals(workspace: Workspace) -> dict[str, Any]:
     """Return the matches of the registration with their residuals.
+
+    Parameters
+    ----------
+    workspace : Workspace
 
     Returns
     -------
@@ -73,6 +82,10 @@ def residuals(workspace: Workspace) -> dict[str, Any]:
 
 def epsilon_table(workspace: Workspace) -> dict[str, Any]:
     """Return ε with its sigma: of all, per day, and by local time and longitude.
+
+    Parameters
+    ----------
+    workspace : Workspace
 
     Returns
     -------

@@ -48,7 +48,7 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
     def as_bytes(self, form: TableFormat) -> bytes:
-        """Return the table as a file or a stream in one of the formats.
+        """Return the table as a file or a stream of the format `form`.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class Table:
 
 
 def table_names(workspace: Workspace) -> list[str]:
-    """Return the tables that have rows, or may have: their results are there."""
+    """Return the names of the tables of a `workspace` whose results are there."""
     content = {
         name: workspace.find_json(path) or {}
         for name, path in (

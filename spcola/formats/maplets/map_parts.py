@@ -51,7 +51,7 @@ class MapParts:
 
     @classmethod
     def open(cls, path: str | Path) -> MapParts:
-        """Read the header of a .MAP file.
+        """Read the header of the .MAP file `path`.
 
         Raises
         ------

@@ -45,7 +45,7 @@ LAYERS: Mapping[str, LayerKind] = {
         "one standard deviation of the height", "m", Rule.SIGMA, "cividis", "from zero"
     ),
     "hillshade": LayerKind(
-        "relief lit from the upper left, 45° high", "", Rule.SURFACE, "gray", "fixed"
+        "relief lit from the upper left, 45° high", "", Rule.MEAN, "gray", "fixed"
     ),
     "albedo": LayerKind("relative albedo", "", Rule.MEAN, "gray"),
     "count": LayerKind("lidar returns in the cell", "", Rule.SUM, "viridis", "from zero"),
@@ -57,8 +57,8 @@ LAYERS: Mapping[str, LayerKind] = {
         "height less that of the SPC surface there", "m", Rule.MEAN, "RdBu_r", "symmetric"
     ),
     "slope": LayerKind(
-        "angle between the ground and the plane of the grid", "°", Rule.SURFACE, "cividis",
-        "from zero",
+        "angle between the ground, from neighbouring grid points, and the plane of the grid",
+        "°", Rule.MEAN, "cividis", "fixed", (0.0, 60.0),
     ),
 }  # fmt: skip
 """All layers by name. The colour maps remain distinct for colour-blind readers."""
@@ -69,8 +69,6 @@ def range_of(layer: str, values: FloatArray) -> tuple[float, float] | None:
     kind = LAYERS[layer]
     if not np.isfinite(values).any():
         return None
-    if kind.range == "fixed":
-        return kind.fixed
     if kind.range == "symmetric":
         limit = symmetric_limit(values)
         return -limit, limit

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 
 TILE = 256
 """Cells along a side of a tile."""
@@ -23,7 +23,6 @@ class Rule(StrEnum):
     )
     SUM = "sum"
     NEAREST = "the grid point nearest to the middle of the cell (of equals the lower right one)"
-    SURFACE = "computed from the heights of the level"
 
 
 def levels_of(size: int) -> tuple[int, ...]:
@@ -45,6 +44,19 @@ def cells_of(size: int, level: int) -> int:
     return -(-size // level)
 
 
+def sums_of(values: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the sums over 2 × 2 known values, and their numbers; the two are a band of a layer.
+
+    Parameters
+    ----------
+    values : (R, C) ndarray
+        R even, except in the last band.
+    known : (R, C) ndarray
+        Which values count. One of them that is NaN makes the sum NaN.
+    """
+    return _halved(np.where(known, values, 0.0)), _halved(known.astype(np.float32))
+
+
 def overviews(
     bands: Iterable[tuple[FloatArray, FloatArray]], levels: Iterable[int], rule: Rule
 ) -> dict[int, FloatArray]:
@@ -52,8 +64,8 @@ def overviews(
 
     Parameters
     ----------
-    bands : iterable of (values, heights)
-        Of all rows in their order, an even number in each band but the last one.
+    bands : iterable of (sums, numbers)
+        From :func:`sums_of`, of all rows in their order.
     levels : iterable of int
         From 2 on, each twice the one before.
     rule : Rule
@@ -64,17 +76,13 @@ def overviews(
     dict of int to (R, C) float32 ndarray
         NaN where nothing is known.
     """
-    sums, weights = [], []
-    for values, heights in bands:
-        known = np.isfinite(heights if rule is Rule.SIGMA else values)
-        sums.append(_halved(np.where(known, values, 0.0)))
-        weights.append(_halved(known.astype(np.float32)))
-    total, weight = np.concatenate(sums), np.concatenate(weights)
+    sums, numbers = zip(*bands, strict=True)
+    total, number = np.concatenate(sums), np.concatenate(numbers)
     found = {}
     for level in levels:
         if level > 2:
-            total, weight = _halved(total), _halved(weight)
-        divisor = np.where(weight > 0, 1.0 if rule is Rule.SUM else weight, np.nan)
+            total, number = _halved(total), _halved(number)
+        divisor = np.where(number > 0, 1.0 if rule is Rule.SUM else number, np.nan)
         found[level] = (total / divisor).astype(np.float32)
     return found
 

@@ -24,7 +24,8 @@ from spcola.errors import WorkspaceError
 
 _FUSED_LAYERS = ("height", "sigma", "albedo", "count", "source")
 _MAPOLA_LAYERS = ("height", "sigma", "count")
-_BIGMAPS = {"fused": "bigmaps", "spc": "bigmaps/maplets", "lidar": "bigmaps/returns"}
+BIGMAP_FOLDERS = {"fused": "bigmaps", "spc": "bigmaps/maplets", "lidar": "bigmaps/returns"}
+"""Folders of bigmaps by what they are made of."""
 _PAIRS = {"spc": "maplets", "lidar": "returns"}
 _DTM_READERS = {".fits": read_fits_dtm, ".tif": read_geotiff}
 
@@ -45,7 +46,7 @@ class SurfaceKind(StrEnum):
 
 
 def surface_names(workspace: Workspace, kind: SurfaceKind) -> list[str]:
-    """Return the names of the surfaces of one kind, sorted.
+    """Return the names of the surfaces of one `kind` in a `workspace`, sorted.
 
     Raises
     ------
@@ -91,7 +92,7 @@ def open_surface(
 def _spc_file(workspace: Workspace, kind: SurfaceKind, name: str) -> Path | None:
     """Return the SPC surface with which a surface is compared; None for those of another frame."""
     place, _, part = name.rpartition(":")
-    maplets = workspace.home / _BIGMAPS["spc"]
+    maplets = workspace.home / BIGMAP_FOLDERS["spc"]
     if kind is SurfaceKind.FUSED:
         return workspace.maplet_path(name)
     if kind is SurfaceKind.DTM:
@@ -111,7 +112,7 @@ def _maplet_names(workspace: Workspace) -> list[str]:
 def _bigmap_names(workspace: Workspace) -> list[str]:
     return [
         f"{path.stem}:{part}"
-        for part, folder in _BIGMAPS.items()
+        for part, folder in BIGMAP_FOLDERS.items()
         for path in visible_files(workspace.home / folder, ".MAP")
     ]
 
@@ -137,7 +138,7 @@ def _products(workspace: Workspace) -> dict[str, dict[str, Path]]:
 
 def _bigmap(workspace: Workspace, name: str) -> Source:
     site, _, part = name.rpartition(":")
-    return MapSource.open(workspace.home / _BIGMAPS[part] / f"{site}.MAP")
+    return MapSource.open(workspace.home / BIGMAP_FOLDERS[part] / f"{site}.MAP")
 
 
 def _pair(workspace: Workspace, name: str) -> Source:

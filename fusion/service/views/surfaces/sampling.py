@@ -10,7 +10,7 @@ import numpy as np
 
 from fusion.service.views.surfaces.layers import LAYERS
 from fusion.service.views.surfaces.levels import Rule
-from fusion.service.views.surfaces.surface import Surface
+from fusion.service.views.surfaces.surface import SHADED, Surface
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import InvalidValueError
 from spcola.math import lon_lat_deg
@@ -173,7 +173,7 @@ def _reader(
 
 def _read_layers(surface: Surface) -> tuple[str, ...]:
     """Return the layers that are not computed from heights."""
-    return tuple(name for name in surface.layers if LAYERS[name].rule is not Rule.SURFACE)
+    return tuple(name for name in surface.layers if name not in SHADED)
 
 
 def _places(surface: Surface, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:

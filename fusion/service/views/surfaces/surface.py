@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusion.report.maplets import hillshade, slope_deg
+from fusion.runtime import usable_cores
 from fusion.service.views.places import grid_json
 from fusion.service.views.surfaces.cache import LayerCache
 from fusion.service.views.surfaces.layers import LAYERS, range_of
@@ -21,6 +22,7 @@ from fusion.service.views.surfaces.levels import (
     levels_of,
     nearest,
     overviews,
+    sums_of,
 )
 from fusion.service.views.surfaces.sources import Index, Source
 from spcola.arrays import FloatArray
@@ -31,7 +33,8 @@ from spcola.grids import MapletGrid
 _BAND = 256
 # Values from which the range of colours is taken, along a side.
 _RANGED = 2 * TILE
-_SHADED = {"hillshade": hillshade, "slope": slope_deg}
+SHADED = {"hillshade": hillshade, "slope": slope_deg}
+"""Layers that are computed from heights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +42,9 @@ class Surface:
     """A surface of a workspace, of which only what is asked for is read.
 
     Arrays are images: rows run down along Ux, columns to the right along Uy. Row i and column j of
-    a level L are the grid points from i L and j L on, fewer in the last row and column. Their
-    middle lies at ``x = (j L + (L − 1)/2 − q) gsd`` along Uy, ``y = (q − i L − (L − 1)/2) gsd``
-    along −Ux.
+    a level L are the L × L grid points from i L and j L on. Their middle lies at
+    ``x = (j L + (L − 1)/2 − q) gsd`` along Uy, ``y = (q − i L − (L − 1)/2) gsd`` along −Ux; that
+    of the last row and column, which have fewer, nearer to their first point.
 
     Parameters
     ----------
@@ -70,7 +73,7 @@ class Surface:
     def layers(self) -> tuple[str, ...]:
         """Names of the layers that have a value anywhere."""
         found = [name for name in LAYERS if name in self.source.layers and self._is_of_use(name)]
-        shaded = list(_SHADED) if "height" in found else []
+        shaded = list(SHADED) if "height" in found else []
         return tuple(name for name in LAYERS if name in (*found, *shaded))
 
     @cached_property
@@ -121,18 +124,7 @@ class Surface:
             If a file is damaged.
         """
         self._check(layer, level, rows, columns)
-        if layer not in _SHADED:
-            return self._stored(layer, level, rows, columns).astype(np.float32, copy=False)
-        # One cell around it, for the slopes at its rim.
-        cells = cells_of(self.grid.size, level)
-        around = [(max(low - 1, 0), min(high + 1, cells)) for low, high in (rows, columns)]
-        heights = self._stored("height", level, *around).astype(np.float64)
-        shaded = _SHADED[layer](heights.T, self.grid.gsd * level)
-        top, left = rows[0] - around[0][0], columns[0] - around[1][0]
-        inside: FloatArray = shaded[
-            top : top + rows[1] - rows[0], left : left + columns[1] - columns[0]
-        ]
-        return inside.astype(np.float32)
+        return self._cells(layer, level, rows, columns).astype(np.float32, copy=False)
 
     def tile(self, layer: str, level: int, row: int, column: int) -> FloatArray:
         """Return a tile (256, 256) of a layer, float32; NaN where unknown or beyond the grid.
@@ -161,6 +153,8 @@ class Surface:
 
     def range(self, layer: str) -> tuple[float, float] | None:
         """Return the range of colours of a layer; None if no value is known."""
+        if LAYERS[layer].range == "fixed":
+            return LAYERS[layer].fixed
         return range_of(layer, self._whole(layer, self._coarse))
 
     def check_layer(self, layer: str) -> None:
@@ -185,45 +179,55 @@ class Surface:
     def _whole(self, layer: str, level: int) -> FloatArray:
         """Return all of a layer at a level."""
         whole = (0, cells_of(self.grid.size, level))
-        if layer in _SHADED:
-            return self.window(layer, level=level, rows=whole, columns=whole)
-        return self._stored(layer, level, whole, whole)
+        return self._cells(layer, level, whole, whole)
 
-    def _stored(
+    def _cells(
         self, layer: str, level: int, rows: tuple[int, int], columns: tuple[int, int]
     ) -> FloatArray:
-        """Return a window of a layer that is not computed from heights."""
+        """Return a window of a layer."""
         if level == 1:
-            return self._read(layer, slice(*rows), slice(*columns))
+            return self._points(layer, rows, columns)
         key = (self.source.stamp, layer)
         values = self.cache.find(key, level, lambda: self._overviews(layer))
         return values[slice(*rows), slice(*columns)]
 
-    def _read(self, layer: str, rows: slice, columns: slice) -> FloatArray:
+    def _points(self, layer: str, rows: tuple[int, int], columns: tuple[int, int]) -> FloatArray:
         """Return grid points as an image; sigma and albedo only where a height is known."""
-        index: Index = (columns, rows)
+        if layer in SHADED:
+            return self._shaded(layer, rows, columns)
+        index: Index = (slice(*columns), slice(*rows))
         values: FloatArray = self.source.read(layer, index).T
         if layer in ("sigma", "albedo"):
             heights = self.source.read("height", index).T
             values = np.where(np.isfinite(heights), values, np.nan)
         return values
 
+    def _shaded(self, layer: str, rows: tuple[int, int], columns: tuple[int, int]) -> FloatArray:
+        """Return a window that is computed from heights, one point around it included."""
+        size = self.grid.size
+        around = [(max(low - 1, 0), min(high + 1, size)) for low, high in (rows, columns)]
+        shaded = SHADED[layer](self._points("height", *around).T, self.grid.gsd)
+        top, left = rows[0] - around[0][0], columns[0] - around[1][0]
+        inside: FloatArray = shaded[top:, left:][: rows[1] - rows[0], : columns[1] - columns[0]]
+        return inside
+
     def _overviews(self, layer: str) -> dict[Any, FloatArray]:
         """Return all levels above 1 of a layer."""
         above, rule = self.levels[1:], LAYERS[layer].rule
-        size, whole = self.grid.size, slice(None)
+        size = self.grid.size
+        whole = (0, size)
         if rule is Rule.NEAREST:
-            values = self._read(layer, whole, whole)
+            values = self._points(layer, whole, whole)
             return {level: nearest(values, level) for level in above}
 
-        def bands() -> Iterator[tuple[FloatArray, FloatArray]]:
-            for first in range(0, size, _BAND):
-                rows = slice(first, min(first + _BAND, size))
-                values = self._read(layer, rows, whole)
-                needed = rule is Rule.SIGMA
-                yield values, self._read("height", rows, whole) if needed else values
+        def band(first: int) -> tuple[FloatArray, FloatArray]:
+            rows = (first, min(first + _BAND, size))
+            values = self._points(layer, rows, whole)
+            basis = self._points("height", rows, whole) if rule is Rule.SIGMA else values
+            return sums_of(values, np.isfinite(basis))
 
-        return dict(overviews(bands(), above, rule))
+        with ThreadPoolExecutor(usable_cores()) as pool:
+            return dict(overviews(pool.map(band, range(0, size, _BAND)), above, rule))
 
     def _level_json(self, level: int) -> dict[str, Any]:
         cells = cells_of(self.grid.size, level)
@@ -246,7 +250,7 @@ class Surface:
     ) -> None:
         """Refuse a layer, level or window that there is not."""
         self._check_level(level)
-        if layer not in self.source.layers and layer not in _SHADED:
+        if layer not in self.source.layers and layer not in SHADED:
             self.check_layer(layer)
         cells = cells_of(self.grid.size, level)
         for what, (low, high) in (("rows", rows), ("columns", columns)):
