@@ -75,6 +75,14 @@ class SqlQueue:
             number = add_job(connection, request, self._clock())
             return job_of(connection.execute(select(JOB).where(JOB.c.number == number)).one())
 
+    def add_finished(self, request: JobRequest, result: Mapping[str, Any], ended: float) -> None:
+        """Record a job that was finished without this queue; raises as :meth:`submit`."""
+        with self._database.writing() as connection:
+            number = add_job(connection, request, ended)
+            row = connection.execute(select(JOB).where(JOB.c.number == number)).one()
+            if row.state == JobState.WAITING.value:
+                end_job(connection, row, JobState.FINISHED, ended, result=stored(result))
+
     def job(self, identity: str) -> Job:
         """Return a job; raises `UnknownJobError`."""
         with self._database.reading() as connection:
@@ -106,7 +114,7 @@ class SqlQueue:
         """Return how many jobs there are in each state."""
         query = select(JOB.c.state, func.count()).group_by(JOB.c.state)
         with self._database.reading() as connection:
-            found: dict[str, int] = dict(connection.execute(query).tuples().all())
+            found = {str(row[0]): int(row[1]) for row in connection.execute(query)}
         return {state: found.get(state.value, 0) for state in JobState}
 
     def claim(self, worker: str, lease_s: float) -> Job | None:

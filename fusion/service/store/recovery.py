@@ -6,34 +6,31 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
-
-from sqlalchemy import select
 
 from fusion.pipeline.catalog import read_records
 from fusion.pipeline.solutions import solutions_of
-from fusion.service.jobs import JobKind, JobRequest, JobState
-from fusion.service.store.database import Database
-from fusion.service.store.endings import end_job
-from fusion.service.store.rows import stored
-from fusion.service.store.schema import JOB
-from fusion.service.store.submission import add_job
+from fusion.service.jobs import JobKind, JobRequest
+from fusion.service.store.records import AuditEntry
+from fusion.service.store.store import Store
 from fusion.workspace import Workspace
 from spcola.errors import SpcolaError
+
+__all__ = ["record_recovered_runs"]
 
 RECOVERED_USER = "recovered"
 """In whose name the runs are listed: the records do not contain who submitted them."""
 
 
-def record_recovered_runs(database: Database, workspaces: Mapping[str, Path]) -> list[str]:
+def record_recovered_runs(store: Store, workspaces: Mapping[str, Path]) -> list[str]:
     """Record a finished run for each solution of the workspaces that has finished stages.
 
-    It has the summaries of the stages as its result, and ended with the last of them. A second
-    time changes nothing.
+    For a new store in the place of a damaged one (`Store.notes`). Each run has the summaries of
+    the stages as its result, and ended with the last of them. What waited, tokens and the audit
+    log are in backups only. A second time adds no run.
 
     Parameters
     ----------
-    database : Database
+    store : Store
     workspaces : mapping of str to Path
         Folders by the names of the workspaces.
 
@@ -51,11 +48,21 @@ def record_recovered_runs(database: Database, workspaces: Mapping[str, Path]) ->
                 if stages:
                     ended = max(_seconds(stage.finished) for stage in stages)
                     result = {stage.stage: stage.summary for stage in stages}
-                    _record_run(database, name, solution.name, result, ended)
+                    parameters = {"stages": list(result), "solution": solution.name}
+                    request = JobRequest(
+                        JobKind.RUN,
+                        name,
+                        RECOVERED_USER,
+                        parameters,
+                        key=f"{name}/{solution.name}",
+                    )
+                    store.add_finished(request, result, ended)
                     finished = ", ".join(result)
                     lines.append(f"{name}, solution {solution.name}: {finished} had finished")
         except SpcolaError as error:
             lines.append(f"{name}: is not recovered ({error})")
+    for line in lines:
+        store.audit.add(AuditEntry("spcola", "run-recovered", details={"text": line}))
     return lines
 
 
@@ -63,16 +70,3 @@ def _seconds(time: str) -> float:
     """Return seconds since 1970 of a record's UTC time, ISO 8601."""
     moment = datetime.fromisoformat(time)
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-
-
-def _record_run(
-    database: Database, name: str, solution: str, result: Mapping[str, Any], ended: float
-) -> None:
-    parameters = {"stages": list(result), "solution": solution}
-    key = f"{name}/{solution}"
-    request = JobRequest(JobKind.RUN, name, RECOVERED_USER, parameters, key=key)
-    with database.writing() as connection:
-        number = add_job(connection, request, ended)
-        row = connection.execute(select(JOB).where(JOB.c.number == number)).one()
-        if row.state == JobState.WAITING.value:
-            end_job(connection, row, JobState.FINISHED, ended, result=stored(result))

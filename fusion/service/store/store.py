@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,7 +13,6 @@ from fusion.service.store.backup import read_backup, write_backup
 from fusion.service.store.opening import opened_database
 from fusion.service.store.queue import SqlQueue
 from fusion.service.store.records import AuditEntry
-from fusion.service.store.recovery import record_recovered_runs
 from fusion.service.store.tokens import Tokens
 from fusion.service.store.uploads import Uploads
 
@@ -88,27 +87,6 @@ class Store(SqlQueue):
         """
         read_backup(self._database, Path(path))
         self.audit.add(AuditEntry("spcola", "store-restored", target=Path(path).name))
-
-    def recover(self, workspaces: Mapping[str, Path]) -> list[str]:
-        """Record what workspaces show had been done, as finished runs of the user ``recovered``.
-
-        For a new store in the place of a damaged one. Waiting jobs, tokens and the audit log are
-        in backups only.
-
-        Parameters
-        ----------
-        workspaces : mapping of str to Path
-            Folders by the names of the workspaces.
-
-        Returns
-        -------
-        list of str
-            What was found, a line for each solution.
-        """
-        lines = record_recovered_runs(self._database, workspaces)
-        for line in lines:
-            self.audit.add(AuditEntry("spcola", "run-recovered", details={"text": line}))
-        return lines
 
     def close(self) -> None:
         """Close all connections."""

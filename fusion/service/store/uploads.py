@@ -15,7 +15,6 @@ from fusion.service.store.records import Upload, UploadState
 from fusion.service.store.schema import UPLOAD
 from spcola.errors import InvalidValueError
 
-
 _OPEN = UploadState.OPEN.value
 
 
@@ -79,25 +78,22 @@ class Uploads:
                 )
             return self._changed(connection, identity, offset=end)
 
-    def complete(self, identity: str) -> Upload:
-        """Record that an upload is complete.
+    def end(self, identity: str, state: UploadState) -> Upload:
+        """Record that an upload is complete or removed.
 
         Raises
         ------
         StoreError
-            `UNKNOWN_UPLOAD`; `WRONG_OFFSET` if bytes are missing, or it was removed.
+            `UNKNOWN_UPLOAD`; `WRONG_OFFSET` if it is to be complete, and bytes are missing or it
+            was removed.
         """
         with self._database.writing() as connection:
             row = _row(connection, identity)
-            if row.offset != row.size or row.state == UploadState.REMOVED.value:
+            missing = row.offset != row.size or row.state == UploadState.REMOVED.value
+            if state is UploadState.COMPLETE and missing:
                 what = f"is not complete: {row.offset} of {row.size} bytes are there"
                 raise StoreError(StoreFault.WRONG_OFFSET, what, f"upload {row.name!r}")
-            return self._changed(connection, identity, state=UploadState.COMPLETE.value)
-
-    def remove(self, identity: str) -> Upload:
-        """Record that an upload was removed; raises `StoreError` with `UNKNOWN_UPLOAD`."""
-        with self._database.writing() as connection:
-            return self._changed(connection, identity, state=UploadState.REMOVED.value)
+            return self._changed(connection, identity, state=state.value)
 
     def _changed(self, connection: Connection, identity: str, **values: Any) -> Upload:
         update = UPLOAD.update().where(UPLOAD.c.id == identity)
