@@ -27,6 +27,14 @@ def worker_command(folder: Path, store: str | Path, options: WorkOptions) -> lis
 
     A store that the environment names is not in it: all users of a machine see commands, and the
     URL may contain a password.
+
+    Parameters
+    ----------
+    folder : Path
+        That of the service.
+    store : str or Path
+        As of :class:`fusion.service.store.Store`.
+    options : WorkOptions
     """
     store = "" if str(store) == os.environ.get(STORE_VARIABLE) else store
     content = json.dumps({"folder": str(folder), "store": str(store), "options": asdict(options)})

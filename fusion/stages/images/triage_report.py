@@ -74,7 +74,7 @@ class Likely:
     Parameters
     ----------
     code : str
-        A :class:`spcola.imagematching.frames.Mistake`, or ``other-image``.
+        A `spcola.imagematching.frames.mistakes.Mistake`, or ``other-image``.
     correlation : float
         Of the image with the shape at the state that it would have without the mistake.
     image : str
