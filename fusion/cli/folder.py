@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from fusion.cli.options import FACES_FROM, IsolateOptions, JsonOption
 from fusion.cli.output import show, value_lines
+
+if TYPE_CHECKING:
+    from fusion.runtime.folders import Listing
 
 
 def init(
@@ -96,7 +100,7 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
 
     remembered = Remembered(path)
     before = remembered.listing()
-    if found := remembered.find(before):
+    if found := remembered.find(before, known=_with_known_states):
         return found["content"], found["lines"]
     from fusion.inspection import describe_workspace, outside_files
     from fusion.inspection.forecasts import forecast_json, forecast_lines, stage_forecasts
@@ -112,5 +116,14 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
         lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(forecasts))]
     details = forecasts["mapolas"].details if forecasts else {}
     content |= {"mapolas_forecast": dict(details), "forecast": forecast_json(forecasts)}
-    remembered.keep(before, {"content": content, "lines": lines}, outside_files(opened, settings))
+    kept = {"content": content, "lines": lines, "home": opened.home}
+    remembered.keep(before, kept, outside_files(opened, settings))
     return content, lines
+
+
+def _with_known_states(now: Listing, kept: Mapping[str, Any]) -> Listing:
+    """Return the listing with the earlier states of files whose content is what it was."""
+    from fusion.pipeline.catalog import with_known_states
+
+    # An earlier version of the program kept no home.
+    return with_known_states(now, Path(kept["home"])) if "home" in kept else now

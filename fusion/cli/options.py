@@ -49,6 +49,10 @@ SolutionOption = Annotated[
     str,
     typer.Option(metavar="NAME", help="The SPC solution; by default the one in use."),
 ]
+WaitOption = Annotated[
+    bool,
+    typer.Option("--wait", help="Wait while another spcola works with the same solution."),
+]
 NAIF_NUMBERS: dict[str, Any] = {"min": -(10**9), "max": 10**9}
 """Limits of numbers of bodies, spacecraft and instruments in SPICE."""
 
@@ -77,10 +81,7 @@ class WorkOptions:
     solution: SolutionOption = ""
     workers: WorkersOption = None
     cluster: ClusterOption = ""
-    wait: Annotated[
-        bool,
-        typer.Option("--wait", help="Wait while another spcola works with the same solution."),
-    ] = False
+    wait: WaitOption = False
     as_json: JsonOption = False
 
 

@@ -177,11 +177,10 @@ def token_add(
 ) -> None:
     """Make a token and print its secret, which cannot be read again."""
     from fusion.service.store import Scope
-    from fusion.service.store.records import ALL_WORKSPACES
 
     if scope not in list(Scope):
         raise typer.BadParameter(f"{scope!r} is none of {', '.join(Scope)}", param_hint="--scope")
-    scopes = dict.fromkeys(workspace or [ALL_WORKSPACES], Scope(scope))
+    scopes = dict.fromkeys(workspace or ["*"], Scope(scope))
     lifetime_s = None if days is None else days * _DAY_S
     with _opened(folder, store) as opened:
         secret, token = opened.tokens.make(user, scopes, name=label, lifetime_s=lifetime_s)
@@ -259,15 +258,14 @@ def _supervisor(folder: Path, store: str, count: int, cluster: str, opened: Stor
 
 def _record_recovered(store: Store, folder: Path) -> None:
     """List the runs of the workspaces in a store that was made in the place of a damaged one."""
-    if not store.notes:
-        return
     from fusion.service.api import Service
-    from fusion.service.store.recovery import record_recovered_runs
+    from fusion.service.store import recovery
 
-    service = Service(folder, store)
-    places = {name: service.folder(name) for name in service.names()}
-    for line in [*store.notes, *record_recovered_runs(store, places)]:
-        typer.echo(line, err=True)
+    if store.notes:
+        service = Service(folder, store)
+        places = {name: service.folder(name) for name in service.names()}
+        for line in [*store.notes, *recovery.record_recovered_runs(store, places)]:
+            typer.echo(line, err=True)
 
 
 def _token_content(token: Token) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.options import JsonOption, WorkspaceArgument
+from fusion.cli.options import JsonOption, WaitOption, WorkspaceArgument
 from fusion.cli.output import show
 from fusion.cli.state_options import BodyOptions, GivenStates, NewSumOptions
 
@@ -42,6 +42,7 @@ def sumfiles(
     ] = False,
     made_with: NewSumOptions = NewSumOptions(),
     sources: GivenStates = GivenStates(),
+    wait: WaitOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write .SUM and .NOM files of images from SPICE kernels, or .SUM files from a table of poses.
@@ -74,7 +75,7 @@ def sumfiles(
         compared = {"images": [one.as_json() for one in differences]}
         show(compared, _comparison_lines(differences), as_json=as_json)
         return
-    made = make_sumfiles(there, found, made_with.nominal())
+    made = make_sumfiles(there, found, made_with.nominal(), wait=wait)
     originals = found.originals or [state.name for state in made]
     content = {
         "workspace": there.root,

@@ -42,8 +42,8 @@ def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = 
     SpcolaError
         If an existing file cannot be used.
     """
-    registration = workspace.find_json(workspace.registration_path)
-    scale = workspace.find_json(workspace.scale_path)
+    registration = workspace.find_json(workspace.registration_path.name)
+    scale = workspace.find_json(workspace.scale_path.name)
     refused = registration is not None and registration.get("verdict") == "refused"
     surfaces, origins = ((), None) if refused else _places(workspace)
     planted, errors = read_planted(workspace)
@@ -125,7 +125,7 @@ def fused_places(workspace: Workspace, *, most: int | None = None) -> Iterator[S
     folder = workspace.home / "fused"
     if not (folder / FUSED_HDF5).is_file():
         return
-    registration = workspace.find_json(workspace.registration_path)
+    registration = workspace.find_json(workspace.registration_path.name)
     where = str(workspace.registration_path)
     transform = None if registration is None else transform_of(registration, where)
     names = fused_names(folder)

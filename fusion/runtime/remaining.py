@@ -55,7 +55,8 @@ class RemainingTime:
     """Time that items still take.
 
     The first item that each worker computes does not count, as its code may be compiled meanwhile;
-    nor do items that were found finished: the others may have to be computed.
+    nor do items that were found finished, as the others may have to be computed, and those without
+    work, as none of the others is like them.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ class RemainingTime:
         if not left:
             return 0.0
         done = zip(self._seconds, self.sizes, strict=False)
-        counted = [(each, size) for each, size in done if not math.isnan(each)][self.workers :]
+        known = [(each, size) for each, size in done if size and not math.isnan(each)]
+        counted = known[self.workers :]
         work = sum(size for _, size in counted)
         if not work:
             return math.nan

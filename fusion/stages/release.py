@@ -206,7 +206,7 @@ def _kept_products(context: StageContext, made: Collection[str]) -> list[Product
     path = context.workspace.home / "release" / MANIFEST_FILE
     if not context.subset or not path.is_file():
         return []
-    before = context.workspace.read_json(path.relative_to(context.workspace.home))["products"]
+    before = context.workspace.read_json(f"release/{MANIFEST_FILE}")["products"]
     products = [Product(**entry) for entry in before]
     return [product for product in products if product.file not in made]
 

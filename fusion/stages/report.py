@@ -19,7 +19,7 @@ class ReportStage(Stage):
     """Results of all stages → report.html."""
 
     name = "report"
-    version = 3
+    version = 4
     places = ("report.html",)
     tables = (BodySettings, AcceptSettings)
 

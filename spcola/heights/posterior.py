@@ -15,7 +15,7 @@ from spcola.heights.means import MeanConstraints
 from spcola.heights.problem import HeightProblem
 from spcola.heights.solver import HeightSystem, SolverOptions
 
-Method = Literal["exact", "patches", "probing"]
+Method = Literal["auto", "exact", "patches", "probing"]
 
 _EXACT_LIMIT = 60_000_000
 """Elements of the band (points × columns) up to which the exact method is used: 0.5 GB."""
@@ -56,7 +56,7 @@ class PosteriorOptions:
 def posterior_sigma(
     problem: HeightProblem,
     *,
-    method: Method = "exact",
+    method: Method = "auto",
     weight: FloatArray | None = None,
     noise_level: float = 1.0,
     options: PosteriorOptions | None = None,
@@ -67,13 +67,14 @@ def posterior_sigma(
     ----------
     problem : HeightProblem
         The problem that was solved.
-    method : {"exact", "patches", "probing"}
-        "exact" factors the whole matrix: for single maplets. "patches" does so in overlapping
-        windows and ignores all outside: never below the exact sigma, and close to it if the margin
-        exceeds the distance over which a constraint acts, 1/√(w_c/w_e × share of constrained
-        points) steps. "probing" adds the variance that the surroundings of each window cause,
-        estimated from random surfaces of the whole problem: right for any weights, except for the
-        scatter of the samples.
+    method : {"auto", "exact", "patches", "probing"}
+        "auto" is "exact" where its band of points × columns fits into 0.5 GB (391 × 391 points,
+        fewer with means over wide areas), and "patches" where it does not. "exact" factors the
+        whole matrix. "patches" does so in overlapping windows and ignores all outside: never below
+        the exact sigma, and close to it if the margin exceeds the distance over which a constraint
+        acts, 1/√(w_c/w_e × share of constrained points) steps. "probing" adds the variance that
+        the surroundings of each window cause, estimated from random surfaces of the whole problem:
+        right for any weights, except for the scatter of the samples.
     weight : (R, C) ndarray, optional
         Constraint weights that replace the problem's, 1/m²: those of a robust loss
         (``HeightSolution.constraint_weight``).
@@ -96,6 +97,8 @@ def posterior_sigma(
         raise SettingsError(f"must be positive, not {noise_level}", "noise_level")
     bare = _without_data(problem, problem.weight if weight is None else weight)
     chosen = PosteriorOptions() if options is None else options
+    if method == "auto":
+        method = "exact" if _fits(_upright(bare)) else "patches"
     if method == "exact":
         variance = _exact_variance(bare)
     elif method == "patches":
@@ -103,7 +106,7 @@ def posterior_sigma(
     elif method == "probing":
         variance = _probed_variance(bare, chosen)
     else:
-        raise SettingsError(f"is {method!r}", "method", "choose exact, patches or probing")
+        raise SettingsError(f"is {method!r}", "method", "choose auto, exact, patches or probing")
     return noise_level * np.sqrt(variance)
 
 
@@ -120,9 +123,9 @@ def _without_data(problem: HeightProblem, weight: FloatArray) -> HeightProblem:
 
 
 def _exact_variance(problem: HeightProblem) -> FloatArray:
-    rows, columns = problem.shape
-    turned = problem if columns <= rows else _transposed(problem)
-    if rows * columns * band_width(turned) > _EXACT_LIMIT:
+    turned = _upright(problem)
+    if not _fits(turned):
+        rows, columns = problem.shape
         wide = " with means over such wide areas" if problem.means is not None else ""
         raise SettingsError(
             f"a grid of {rows} × {columns}{wide} is too large for 'exact'",
@@ -130,7 +133,18 @@ def _exact_variance(problem: HeightProblem) -> FloatArray:
             "choose patches",
         )
     variance = BandedFactor(turned).variance()
-    return variance if columns <= rows else variance.T
+    return variance if turned is problem else variance.T
+
+
+def _upright(problem: HeightProblem) -> HeightProblem:
+    """Return the problem with no more columns than rows, for the narrowest band."""
+    rows, columns = problem.shape
+    return problem if columns <= rows else _transposed(problem)
+
+
+def _fits(problem: HeightProblem) -> bool:
+    """Return whether the band is within the limit of the exact method."""
+    return problem.mask.size * band_width(problem) <= _EXACT_LIMIT
 
 
 def _transposed(problem: HeightProblem) -> HeightProblem:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
@@ -16,7 +18,7 @@ _POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 4000.0, 6.0, 190.0
 # Bytes of one return of a scan that is read as a whole.
 _RETURN_BYTES = 250.0
 # Shots of the runs that are timed.
-_SHOTS = (50, 300)
+_SHOTS = (50, 250, 750)
 _FIT_S = 1.0
 # Bytes of a shot: in memory, in scale.json.
 _SHOT_BYTES, _ENTRY_BYTES = 5000.0, 300.0
@@ -48,10 +50,9 @@ def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
 
 
 def _by_shots(situation: Situation, stage: Stage) -> StageForecast:
-    """Return the forecast from two runs with few shots: the time grows with their number."""
+    """Return the forecast from runs with few shots."""
     caster = RayCaster(situation.workspace.shape())
     shots = min(situation.settings.scale.max_shots, situation.returns)
-    few, more = (min(count, shots) for count in _SHOTS)
 
     def seconds(count: int) -> float:
         settings = situation.settings.with_table("scale", max_shots=max(count, _SHOTS[0]))
@@ -61,10 +62,23 @@ def _by_shots(situation: Situation, stage: Stage) -> StageForecast:
         return time.perf_counter() - begun
 
     # The first does not count: code may be compiled then.
-    seconds(few)
-    least, most = seconds(few), seconds(more)
-    each = max(most - least, 0.0) / max(more - few, 1)
+    counts = [min(count, shots) for count in _SHOTS]
+    seconds(counts[0])
+    took = _extrapolated(counts, [seconds(count) for count in counts], shots)
     return StageForecast(
-        stage.name, len(situation.workspace.scan_names()), 0, most + (shots - more) * each,
+        stage.name, len(situation.workspace.scan_names()), 0, took,
         _SHOT_BYTES * shots, situation.workers, _ENTRY_BYTES * shots, Basis.SAMPLE,
     )  # fmt: skip
+
+
+def _extrapolated(counts: list[int], seconds: list[float], count: int) -> float:
+    """Return the time of `count` shots from those of three smaller counts.
+
+    What exceeds the time of the fewest grows with a power of the count between 1 and 2: more
+    shots take more iterations, and places that misfit are searched for among more.
+    """
+    more, most = (max(each - seconds[0], 1e-6) for each in seconds[1:])
+    if counts[2] <= counts[1] or count <= counts[2]:
+        return seconds[2]
+    power = float(np.clip(np.log(most / more) / np.log(counts[2] / counts[1]), 1.0, 2.0))
+    return seconds[0] + most * (count / counts[2]) ** power

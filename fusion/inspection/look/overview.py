@@ -157,7 +157,7 @@ def _numbers(workspace: Workspace) -> list[str]:
         (workspace.registration_path, "registration: scale − 1", "scale", 1.0),
         (workspace.scale_path, "scale: ε", "epsilon", 0.0),
     ):
-        content = workspace.find_json(path) or {}
+        content = workspace.find_json(path.name) or {}
         value, sigma = content.get(key), content.get(f"{key}_sigma")
         if value is not None:
             found.append(f"{label} = {millionths(value - offset, sigma)}")

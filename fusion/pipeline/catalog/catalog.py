@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import secrets
@@ -14,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fusion.pipeline.catalog.digests import FileStatus, digests_ahead, file_status
+from fusion.pipeline.catalog.digests import digests_ahead, file_status
 from fusion.pipeline.catalog.records import (
     RECORD_FOLDER,
     StageRecord,
@@ -24,11 +23,10 @@ from fusion.pipeline.catalog.records import (
     recorded_stages,
     write_record,
 )
-from fusion.runtime.folders import may_hide_a_change
+from fusion.pipeline.catalog.rows import CATALOG_FILE, FileStatus, known_digest, with_checksum
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
-CATALOG_FILE = "catalog.sqlite"
 _SCHEMA_VERSION = 3
 _SCHEMA = """
 CREATE TABLE file (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, ctime_ns INTEGER,
@@ -136,7 +134,7 @@ class Catalog:
                 digest = seen[name] if k not in known else known[k]
                 if digest is None:
                     digest = next(computed)
-                    made.append(_with_checksum(name, *stated[k], begun, digest))
+                    made.append(with_checksum(name, *stated[k], begun, digest))
                 if self._seen is not None:
                     self._seen[name] = digest
                 yield digest
@@ -169,9 +167,7 @@ class Catalog:
     def _known(self, name: str, state: FileStatus) -> str | None:
         """Return the stored digest of a file that is unchanged, or None."""
         row = self._rows.get(name) or self._row("SELECT * FROM file WHERE path = ?", name)
-        if row is None or tuple(row[:5]) != (name, *state) or row != _with_checksum(*row[:-1]):
-            return None
-        return None if may_hide_a_change(state[2], since=row[5]) else str(row[6])
+        return None if row is None else known_digest(row, name, state)
 
     def record(self, stage: str) -> StageRecord | None:
         """Return how `stage` last ran; None if it never ran, or its record is lost or damaged."""
@@ -216,12 +212,12 @@ class Catalog:
     def cached(self, name: str, key: str, make: Callable[[], Any]) -> Any:
         """Return what `make` gives, in JSON types: the stored value if it has this `key`."""
         row = self._row("SELECT * FROM kept WHERE name = ?", name)
-        if row is not None and row == _with_checksum(*row[:-1]) and row[1] == key:
+        if row is not None and row == with_checksum(*row[:-1]) and row[1] == key:
             return json.loads(row[2])
         value = make()
         with self._caching() as base:
             rows = "INSERT OR REPLACE INTO kept VALUES (?, ?, ?, ?)"
-            base.execute(rows, _with_checksum(name, key, json.dumps(value)))
+            base.execute(rows, with_checksum(name, key, json.dumps(value)))
         return value
 
     def _names(self) -> list[str]:
@@ -239,7 +235,7 @@ class Catalog:
     def _stored_record(self, stage: str) -> StageRecord | None:
         """Return the copy of a record; None if there is none, or it is damaged."""
         row = self._row("SELECT * FROM stage WHERE name = ?", stage)
-        if row is None or row != _with_checksum(*row[:-1]):
+        if row is None or row != with_checksum(*row[:-1]):
             return None
         try:
             return StageRecord.from_dict(json.loads(row[2]))
@@ -259,7 +255,7 @@ class Catalog:
         with self._writing() as base:
             base.execute(
                 "INSERT OR REPLACE INTO stage VALUES (?, ?, ?, ?)",
-                _with_checksum(record.stage, record.key, json.dumps(record.as_dict())),
+                with_checksum(record.stage, record.key, json.dumps(record.as_dict())),
             )
 
     def _connect(self, place: str = "") -> None:
@@ -363,12 +359,6 @@ class Catalog:
         return WorkspaceError(
             f"cannot be used ({error})", self.path, "check the disk and the permissions"
         )
-
-
-def _with_checksum(*fields: Any) -> tuple[Any, ...]:
-    """Return the fields of a row followed by their checksum."""
-    text = "\0".join(str(field) for field in fields)
-    return (*fields, hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest())
 
 
 def _can_write(path: Path) -> bool:

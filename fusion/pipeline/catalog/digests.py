@@ -15,12 +15,11 @@ from itertools import islice
 from pathlib import Path
 from threading import Event
 
+from fusion.pipeline.catalog.rows import FileStatus
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import read_ahead
 from spcola.errors import WorkspaceError
 from spcola.formats.text import regular_size
-
-FileStatus = tuple[int, int, int, int]
 
 # Read at a time for a digest: small against the caches, large against a system call.
 _BLOCK_BYTES = 1 << 20

@@ -7,7 +7,7 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -44,12 +44,15 @@ class MadeBy:
         Numbers of the change, in JSON types.
     digests : mapping of str to str
         SHA-256 of the files from which the change comes.
+    settings : mapping of str to mapping
+        Settings with which it was computed, by table.
     """
 
     command: str
     constants: Mapping[str, Mapping[str, Any]]
     facts: Mapping[str, Any]
     digests: Mapping[str, str]
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -78,7 +81,8 @@ def making_solution(workspace: Workspace, name: str, made_by: MadeBy) -> Iterato
     check_name(name)
     workspace.settings().with_tables(made_by.constants, made_by.command)
     record = SolutionRecord(name, workspace.solution, made_by.command, "", spcola.__version__,
-                            made_by.constants, made_by.facts, made_by.digests)  # fmt: skip
+                            made_by.constants, made_by.facts, made_by.digests,
+                            settings=made_by.settings)  # fmt: skip
     with _begun(workspace, record) as making:
         started = time.process_time()
         yield making

@@ -7,7 +7,7 @@ import json
 import os
 import stat
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,21 +52,41 @@ class Remembered:
 
     folder: Path
 
-    def find(self, now: Listing) -> dict[str, Any] | None:
+    def find(
+        self, now: Listing, *, known: Callable[[Listing, Mapping[str, Any]], Listing] | None = None
+    ) -> dict[str, Any] | None:
         """Return what is remembered; None if there is nothing, or a file changed since.
 
-        `now` is the folder as it is (:meth:`listing`).
+        Parameters
+        ----------
+        now : Listing
+            The folder as it is (:meth:`listing`).
+        known : callable, optional
+            Returns the listing, given what is remembered, with the earlier states of those files
+            that were written again with the same content. What is remembered holds for these too,
+            and is remembered for the states of `now`.
         """
         try:
             kept = json.loads((self.folder / _FILE).read_text(encoding="utf-8"))
-            content, outside = kept["content"], kept["outside"]
-            sound = kept["digest"] == content_digest([content, outside, kept["key"]])
-            if not (sound and now.files and kept["key"] == self._key(now)):
-                return None
+            content, outside, key = kept["content"], kept["outside"], kept["key"]
+            sound = kept["digest"] == content_digest([content, outside, key])
             same = all(_status(path) == stated for path, stated in outside.items())
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
-        return content if same else None
+        if not (sound and same and now.files):
+            return None
+        found = self._key(now)
+        if key == found:
+            return dict(content)
+        then = now if known is None else known(now, content)
+        if then is now or key != self._key(then):
+            return None
+        again = zip(now.files, then.files, strict=True)
+        written = Listing(now.begun_ns, [line for line, before in again if line != before])
+        if not may_hide_a_change(written.changed_ns, since=now.begun_ns):
+            with suppress(OSError, SpcolaError):
+                self._write(found, content, outside)
+        return dict(content)
 
     def keep(self, before: Listing, content: Mapping[str, Any], outside: Iterable[Path]) -> None:
         """Remember `content`, in JSON types, if no file changed since they were listed.
@@ -89,11 +109,15 @@ class Remembered:
             if may_hide_a_change(now.changed_ns, since=before.begun_ns):
                 return
             others = {str(path): _status(str(path)) for path in outside}
-            key, value = self._key(now), json_value(content)
-            digest = content_digest([value, others, key])
-            kept = {"key": key, "outside": others, "content": value, "digest": digest}
-            if (self.folder / _FILE).parent.is_dir():
-                atomic.write_text(self.folder / _FILE, json.dumps(kept))
+            self._write(self._key(now), json_value(content), others)
+
+    def _write(
+        self, key: str, content: Mapping[str, Any], outside: Mapping[str, list[int] | None]
+    ) -> None:
+        digest = content_digest([content, outside, key])
+        kept = {"key": key, "outside": outside, "content": content, "digest": digest}
+        if (self.folder / _FILE).parent.is_dir():
+            atomic.write_text(self.folder / _FILE, json.dumps(kept))
 
     def listing(self) -> Listing:
         """Return all files of the folder with their states; empty if it cannot be listed."""

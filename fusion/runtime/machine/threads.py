@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 
-import scipy.linalg  # noqa: F401 (its BLAS is not numpy's, and has to be loaded to be limited)
 from threadpoolctl import threadpool_limits
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Keep the BLAS of numpy and scipy to one thread inside; may be nested, and decorate."""
+    # The BLAS of scipy is not numpy's, and has to be loaded to be limited. Here and not above, so
+    # that commands without linear algebra start fast.
+    import_module("scipy.linalg")
     with threadpool_limits(limits=1, user_api="blas"):
         yield

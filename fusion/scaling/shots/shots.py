@@ -104,7 +104,7 @@ def _observations(
     return ScaleObservations(
         kind="shots",
         label=labels,
-        day=tuple(iso_utc(time, 0)[:10] for time in scan.time[good]),
+        day=_days(scan.time[good]),
         value=(measured - distance)[:, None],
         covariance=seen.variance[good][:, None, None],
         point=scan.spacecraft[good] + distance[:, None] * beam,
@@ -116,6 +116,16 @@ def _observations(
         trajectory=trajectory,
         scan=labels,
     )
+
+
+def _days(time: FloatArray) -> tuple[str, ...]:
+    """Return the UTC date of each time (N,), ephemeris seconds; "unknown" for NaN."""
+    if len(time) and np.isfinite(time).all():
+        # Shots of a scan are nearly always of one day, and each conversion is a call to SPICE.
+        first, last = (iso_utc(float(at), 0)[:10] for at in (time.min(), time.max()))
+        if first == last:
+            return (first,) * len(time)
+    return tuple(iso_utc(at, 0)[:10] for at in time)
 
 
 def _predicted(scan: Scan, caster: RayCaster, spots: SpotOptions, away: FloatArray) -> Spots:

@@ -170,5 +170,5 @@ def rules_of(app: FastAPI) -> dict[tuple[str, str], Rule]:
         declared = [rule for rule in found if isinstance(rule, Rule)]
         if not isinstance(route, APIRoute) or len(declared) != 1:
             raise TypeError(f"the route {getattr(route, 'path', route)} declares no rule")
-        rules |= {(method, route.path): declared[0] for method in route.methods}
+        rules |= {(method, route.path): declared[0] for method in route.methods or ()}
     return rules

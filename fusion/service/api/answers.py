@@ -74,8 +74,8 @@ def accepted(request: Request, offered: Sequence[str]) -> str:
             wanted.append((-float(quality), order, kind))
         except ValueError:
             continue
-    for quality, _, kind in sorted(wanted):
-        for one in offered if quality < 0 else ():
+    for less, _, kind in sorted(wanted):
+        for one in offered if less < 0 else ():
             if kind in (one, "*/*", f"{one.partition('/')[0]}/*"):
                 return one
     raise RequestRefusedError(

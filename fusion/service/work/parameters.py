@@ -89,6 +89,12 @@ PARAMETERS: Mapping[JobKind, type[_Parameters]] = {
 def parameters_of(kind: JobKind, given: Mapping[str, Any]) -> _Parameters:
     """Return the checked parameters of a job.
 
+    Parameters
+    ----------
+    kind : JobKind
+    given : mapping
+        JSON of a user.
+
     Raises
     ------
     InvalidValueError

@@ -19,9 +19,24 @@ from fusion.service.work.options import WorkOptions
 from fusion.service.work.places import STATE_FOLDER
 from fusion.service.work.worker import work
 
+STORE_VARIABLE = "SPCOLA_STORE"
+
 
 def worker_command(folder: Path, store: str | Path, options: WorkOptions) -> list[str]:
-    """Return the command of a worker process; the name of the worker is added to it."""
+    """Return the command of a worker process; the name of the worker is added to it.
+
+    A store that the environment names is not in it: all users of a machine see commands, and the
+    URL may contain a password.
+
+    Parameters
+    ----------
+    folder : Path
+        That of the service.
+    store : str or Path
+        As of :class:`fusion.service.store.Store`.
+    options : WorkOptions
+    """
+    store = "" if str(store) == os.environ.get(STORE_VARIABLE) else store
     content = json.dumps({"folder": str(folder), "store": str(store), "options": asdict(options)})
     return [sys.executable, "-m", "fusion.service.work.process", content]
 
@@ -67,7 +82,8 @@ def main(arguments: list[str]) -> None:
             os.write(int(beats), b".")
 
     os.set_blocking(int(beats), False)
-    run_worker(Path(given["folder"]), given["store"], options, name=name, beat=beat)
+    store = given["store"] or os.environ[STORE_VARIABLE]
+    run_worker(Path(given["folder"]), store, options, name=name, beat=beat)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,20 @@ from typing import Any
 import spcola
 from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
-from fusion.runtime.folders import clear_leftovers, locked, make_folder
+from fusion.runtime.folders import LOCK_FILE, clear_leftovers, locked, make_folder
 from fusion.runtime.remaining import Timed
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
 from fusion.stages.images.doubts import StateDoubt, find_doubts
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
-from fusion.stages.images.sources import Sighting, StateChoice, find_sightings, stated_times
+from fusion.stages.images.sources import (
+    Sighting,
+    StateChoice,
+    StateKind,
+    find_sightings,
+    stated_times,
+)
 from fusion.stages.images.turns import Turn
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace
@@ -30,7 +37,7 @@ from spcola.formats.solution.exact_camera import stored_camera
 __all__ = ["ImportOptions", "Imported", "import_images"]
 _LOCK = ".images.lock"
 ITEM_PLACE = Path(".items") / "images"
-ITEM_VERSION = f"{spcola.__version__} images 2"
+ITEM_VERSION = f"{spcola.__version__} images 3"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +112,8 @@ def import_images(
     executor : Executor
     progress : Progress, optional
     wait : bool
-        Whether to wait for another program that brings in images.
+        Whether to wait for another program that brings in images, or works with the solution into
+        which states go.
 
     Raises
     ------
@@ -113,7 +121,7 @@ def import_images(
         What does not fit, in one line; nothing was written for images that it concerns.
     """
     progress = progress or Progress()
-    with locked(workspace.root / _LOCK, wait=wait):
+    with _writing(workspace, options.states, wait=wait):
         _clear(workspace)
         catalogue = read_catalogue(workspace)
         opened = open_images(paths, executor, size=options.size)
@@ -146,6 +154,20 @@ class _Planned:
     name: str
     image: OpenedImage
     sighting: Sighting | None
+
+
+@contextmanager
+def _writing(workspace: Workspace, states: StateChoice, *, wait: bool) -> Iterator[None]:
+    """Lock images and catalogue, and with states their solution: a stage would read half of them.
+
+    Locked at the beginning: nobody wants to be refused after an hour of work on pixels.
+    """
+    with locked(workspace.root / _LOCK, wait=wait):
+        if states.kind is StateKind.NONE:
+            yield
+            return
+        with locked(workspace.home / LOCK_FILE, wait=wait):
+            yield
 
 
 def _clear(workspace: Workspace) -> None:
@@ -183,6 +205,13 @@ def _known(
                 "--smear-s, --bits, thresholds or --orientation",
                 image.path,
                 f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
+            )
+        if record.size != _turned_size(image, options):
+            raise WorkspaceError(
+                f"is there already as {record.name}, read as {record.size[0]} × {record.size[1]} "
+                f"pixels and not as {image.size[0]} × {image.size[1]}",
+                image.path,
+                f"correct --size or the label, or remove IMAGEFILES/{record.name}.DAT first",
             )
         known[image.digest] = record
     return known
@@ -290,12 +319,15 @@ class _Bringing:
         target = self.workspace.exposure_path(one.name)
         work = PixelWork(one.image.path, self.options.size, target)
 
-        def written(_digest: str, _recipe: str, _place: Path) -> PixelFacts:
+        def written(*_made_from: object) -> PixelFacts:
             return write_pixels(work, self.preparation, self.options.recipe)
 
-        facts = self.store.result(written, one.image.digest, self.options.recipe.digest, target)
+        # Of a detached label and of a .DAT file the digest of the pixels does not have the layout.
+        layout = (one.image.size, one.image.label)
+        recipe = self.options.recipe.digest
+        facts = self.store.result(written, one.image.digest, layout, recipe, target)
         # The item outlives a file that was removed.
-        return facts if target.is_file() else written("", "", target)
+        return facts if target.is_file() else written()
 
 
 def _record(

@@ -267,9 +267,8 @@ def _matched(
     if not left:
         return found, []
     shown = ", ".join(left[:3]) + (", …" if len(left) > 3 else "")
-    has, them = ("states have", "them") if len(left) > 1 else ("state has", "it")
-    return found, [f"{where}: {len(left)} {has} no image among the files given ({shown}): {them} "
-                   "left out"]  # fmt: skip
+    has = "states have" if len(left) > 1 else "state has"
+    return found, [f"{where}: {len(left)} {has} no image among the files given, left out: {shown}"]
 
 
 _Found = tuple[dict[str, _Candidate], list[str]]

@@ -79,11 +79,15 @@ class ImageScene:
             ),
         )
 
+    def showing(self, grid: MapletGrid) -> list[SpcImage]:
+        """Return the images with which ground on a grid is matched."""
+        return choose_images(grid, self.images, options=self.choice)
+
     def sighting(self, ground: Maplet) -> Sighting:
         """Match a mapola, or other ground, with the images that show it."""
         return find_ground(
             ground,
-            choose_images(ground.grid, self.images, options=self.choice),
+            self.showing(ground.grid),
             self.states,
             exposed=self.exposed,
             beyond=self.beyond,
@@ -113,8 +117,10 @@ def imaged_mapolas(
     def sighting(name: str) -> Sighting:
         return scene.sighting(context.workspace.mapola(name))
 
-    sightings = context.map("find mapolas in images", sighting, names)
-    return place_mapolas(grids, sightings)
+    # A mapola that more images show takes longer.
+    sizes = [1.0 + len(scene.showing(grid)) for grid in grids]
+    found = context.stream("find mapolas in images", sighting, names, sizes=sizes)
+    return place_mapolas(grids, list(found))
 
 
 def landmark_files(workspace: Workspace) -> list[Path]:

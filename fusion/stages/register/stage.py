@@ -298,7 +298,9 @@ def _given(workspace: Workspace, table: RegisterSettings) -> GivenRegistration |
     path = given_path(workspace, table)
     if path is None:
         return None
-    return given_registration(workspace.read_json(str(path)), str(path), inverse=table.inverse)
+    return given_registration(
+        Workspace(path.parent).read_json(path.name), str(path), inverse=table.inverse
+    )
 
 
 def _fit_options(table: RegisterSettings) -> FitOptions:

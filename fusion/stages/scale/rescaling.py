@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
-from fusion.pipeline.catalog import file_digest
+from fusion.pipeline.catalog import file_digest, read_record
 from fusion.pipeline.solutions import MadeBy, free_name, making_solution, solution_files
 from fusion.runtime import Progress, json_value
 from fusion.workspace import Workspace
@@ -162,9 +162,11 @@ def apply_scale(
     body: dict[str, Any] = {"faces_from": 1}
     if settings.body.mean_radius_m:
         body["mean_radius_m"] = factor * settings.body.mean_radius_m
+    facts = {"epsilon": epsilon, "epsilon_sigma": sigma, "accepted": sorted(set(accepted))}
+    record = read_record(workspace, "scale")
     made_by = MadeBy(
-        "spcola scale --apply", {"body": body}, {"epsilon": epsilon, "epsilon_sigma": sigma},
-        {where.name: file_digest(where)},
+        "spcola scale --apply", {"body": body}, facts, {where.name: file_digest(where)},
+        {} if record is None else record.settings,
     )  # fmt: skip
     with making_solution(workspace, chosen, made_by) as folder:
         written = _written(workspace, folder, factor, progress)

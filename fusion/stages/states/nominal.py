@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.runtime.folders import clear_abandoned_folders, make_folder
+from fusion.runtime.folders import LOCK_FILE, clear_abandoned_folders, locked, make_folder
 from fusion.stages.states.source import (
     SourceOptions,
     SpiceSource,
@@ -193,7 +193,7 @@ def states_by_poses(
 
 
 def make_sumfiles(
-    workspace: Workspace, found: FoundStates, options: NominalOptions
+    workspace: Workspace, found: FoundStates, options: NominalOptions, *, wait: bool = False
 ) -> list[ImageState]:
     """Write the .SUM files of new images, and .NOM files where the velocity is known.
 
@@ -204,6 +204,8 @@ def make_sumfiles(
     workspace : Workspace
     found : FoundStates
     options : NominalOptions
+    wait : bool
+        Whether to wait while another program works with the solution.
 
     Returns
     -------
@@ -212,20 +214,23 @@ def make_sumfiles(
     Raises
     ------
     WorkspaceError
-        If there is a file of one of the images, or a file cannot be written.
+        If there is a file of one of the images, a file cannot be written, or another program works
+        with the solution.
     InvalidValueError
         If a name is too long for SPC, or a state has no time or no direction to the Sun.
     """
     states = [options.applied(state) for state in found.states]
-    for state in states:
-        _check_new(workspace, state)
     camera, thresholds = read_camera(options.camera)
-    images = [state.as_image(camera, thresholds=thresholds or (0, _BRIGHTEST)) for state in states]
     nominal: list[NominalState] = []
     if found.body_rates is not None:
         pairs = zip(states, found.body_rates, strict=True)
         nominal = [state.as_nominal(rate) for state, rate in pairs]
-    write_states(workspace, images, nominal)
+    with locked(workspace.home / LOCK_FILE, wait=wait):
+        for state in states:
+            _check_new(workspace, state)
+        seen = thresholds or (0, _BRIGHTEST)
+        images = [state.as_image(camera, thresholds=seen) for state in states]
+        write_states(workspace, images, nominal)
     return states
 
 
@@ -249,7 +254,7 @@ def write_states(
     nominal: Sequence[NominalState] = (),
     scans: Sequence[LineScanImage] = (),
 ) -> None:
-    """Write states into the solution of a workspace; a list of images is continued.
+    """Write states into the locked solution of a workspace; a list of images is continued.
 
     .SUM and .NOM files, and the files of line scans, which SPC's list does not have.
 

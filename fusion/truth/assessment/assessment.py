@@ -112,6 +112,6 @@ def formal_of(workspace: Workspace) -> FormalUncertainty | None:
 def _recovered(planted: Planted, workspace: Workspace) -> list[RecoveredParameter]:
     """Compare the registration and scale with the planted values, as far as they exist."""
     paths = (workspace.registration_path, workspace.scale_path)
-    found = [workspace.find_json(path) or {} for path in paths]
+    found = [workspace.find_json(path.name) or {} for path in paths]
     rows = compare(planted, *found) if any(found) else []
     return [row for row in rows if found[0] or not row.name.startswith("registration")]

@@ -47,10 +47,12 @@ class SolutionRecord:
     facts : mapping
         Numbers of the change, such as the scale factor, in JSON types.
     digests : mapping of str to str
-        SHA-256 of the files from which it was made, and of those that differ from the parent's.
+        SHA-256 of the files from which it was made.
     effort : mapping of str to float
         `items`, files that were computed, and `processor_s`, processor time of the process that
         made it, seconds. Empty if not known.
+    settings : mapping of str to mapping
+        Settings with which it was computed, by table. Empty if not known.
     """
 
     name: str
@@ -62,6 +64,7 @@ class SolutionRecord:
     facts: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
     effort: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return it in JSON types."""

@@ -34,7 +34,7 @@ def chosen_band(path: Path, band: int | None, count: int) -> int:
         If it does not exist.
     """
     if band is None and count != 1:
-        raise FormatError(f"has {count} bands", path, "give the number of one")
+        raise FormatError(f"has {count} bands", path, "write one of them into a file of its own")
     if band is not None and not 1 <= band <= count:
         raise InvalidValueError(f"has no band {band} (it has {count})", path)
     return band or 1
@@ -161,7 +161,7 @@ class RasterBand:
         with reading_raster(self.path, self.driver) as dataset:
             stored: AnyArray = dataset.read(bands, window=(rows, columns))
         if any(np.any(other != stored[0]) for other in stored[1:]):
-            raise FormatError("is in colour", self.path, "give the number of one band")
+            raise FormatError("is in colour", self.path, "convert it to grey")
         return stored[0]
 
 

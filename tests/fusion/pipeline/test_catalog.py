@@ -12,8 +12,8 @@ from threading import Barrier, Event
 import pytest
 
 from fusion.pipeline.catalog import Catalog, file_digest, read_record
-from fusion.pipeline.catalog.catalog import CATALOG_FILE
 from fusion.pipeline.catalog.records import StageRecord, record_path
+from fusion.pipeline.catalog.rows import CATALOG_FILE
 from fusion.runtime.machine import forget_pages
 from fusion.workspace import Workspace, new_workspace
 from spcola.errors import WorkspaceError

@@ -11,7 +11,7 @@ import pytest
 
 from fusion.pipeline import Pipeline
 from fusion.pipeline.catalog import Catalog
-from fusion.pipeline.catalog.catalog import CATALOG_FILE
+from fusion.pipeline.catalog.rows import CATALOG_FILE
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import WorkspaceError

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,8 +21,10 @@ from spcola.grids import Maplet
 
 
 @pytest.fixture
-def workspace(tmp_path, places, report_data):
-    there = Workspace.create(tmp_path / "ws", Settings().with_table("body", name="Bennu"))
+def workspace(tmp_path, places, report_data, monkeypatch):
+    # As users do, the folder is named from where one is: paths in it are relative.
+    monkeypatch.chdir(tmp_path)
+    there = Workspace.create(Path("ws"), Settings().with_table("body", name="Bennu"))
     mapolas = []
     for place in places:
         fused = place.fused

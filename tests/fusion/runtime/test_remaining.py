@@ -19,7 +19,15 @@ def forecast(seconds: np.ndarray, sizes: np.ndarray, workers: int, done: int) ->
     return found.seconds
 
 
-CASES = ("alike", "by size", "compiled", "small ones cost as much", "kept first", "kept among")
+CASES = (
+    "alike",
+    "by size",
+    "compiled",
+    "small ones cost as much",
+    "kept first",
+    "kept among",
+    "no work",
+)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 8])
@@ -33,6 +41,8 @@ def test_the_rest_is_known_after_a_tenth(workers: int, case: str) -> None:
         seconds[:workers] += 30.0
     elif case == "small ones cost as much":
         sizes[workers : 2 * workers] = 1e-4
+    elif case == "no work":
+        sizes[:30], seconds[:30] = 0.0, 1.0
     expected = seconds[done:].sum() / workers
     if case == "kept first":
         seconds[:20] = np.nan

@@ -65,6 +65,7 @@ def test_the_command_prints_what_it_wrote(applied):
     assert record.facts["epsilon"] == content["applied"]["epsilon"]
     scale = hashlib.sha256((root / "WS" / "scale.json").read_bytes()).hexdigest()
     assert record.digests == {"scale.json": scale}
+    assert record.settings["ScaleSettings"]["method"] == "pairs"
     assert datetime.fromisoformat(record.made).tzinfo is not None
 
 

@@ -137,6 +137,14 @@ def test_patches_agree_with_the_exact_sigma():
     assert (ratio[known] < 1.01).all()
 
 
+def test_a_grid_whose_band_is_too_large_is_parted(monkeypatch):
+    p = random_problem(np.random.default_rng(4), (60, 50), sparse=0.1)
+    monkeypatch.setattr("spcola.heights.posterior._EXACT_LIMIT", 60 * 50 * 50)
+    np.testing.assert_array_equal(posterior_sigma(p), posterior_sigma(p, method="exact"))
+    monkeypatch.setattr("spcola.heights.posterior._EXACT_LIMIT", 60 * 50 * 50 - 1)
+    np.testing.assert_array_equal(posterior_sigma(p), posterior_sigma(p, method="patches"))
+
+
 @pytest.mark.parametrize("weight", [1e-2, 1e-4])
 def test_probing_agrees_with_the_exact_sigma_for_any_weight(weight):
     """Also for weak constraints, felt over hundreds of steps."""
@@ -168,6 +176,6 @@ def test_what_does_not_fit_is_refused():
         posterior_sigma(p, method="guess")
     large = random_problem(np.random.default_rng(6), (500, 500))
     with pytest.raises(SettingsError, match="too large"):
-        posterior_sigma(large)
+        posterior_sigma(large, method="exact")
     with pytest.raises(SettingsError, match="samples"):
         PosteriorOptions(samples=1)

@@ -123,7 +123,8 @@ def log(
     limit: Limit = 1000,
 ) -> Response:
     """Return the lines of a job's log, the oldest first."""
-    store, lines = service_of(request).store, []
+    store = service_of(request).store
+    lines: list[dict[str, Any]] = []
     while len(lines) < limit:
         found = store.events(after, job=job, limit=_MOST_EVENTS)
         for event in found:

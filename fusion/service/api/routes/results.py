@@ -26,7 +26,7 @@ from fusion.service.views.tables import TableFormat, read_table, table_names
 
 routes = Routes("/api/v1/workspaces/{workspace}", "results")
 _BYTES = "application/octet-stream"
-_TABLE = {200: {"content": {form.value: {} for form in TableFormat}}}
+_TABLE: dict[int, Any] = {200: {"content": {form.value: {} for form in TableFormat}}}
 
 Solution = Annotated[str, Query(max_length=100, description="By default the one in use.")]
 Facets = Annotated[int | None, Query(ge=100, le=1 << 24, description="At most about so many.")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import Depends, Query
@@ -31,7 +31,7 @@ from spcola.errors import InvalidValueError
 routes = Routes("/api/v1/workspaces/{workspace}/surfaces", "surfaces")
 _ONE = "/{kind}/{name}"
 _FLOATS = "application/octet-stream"
-_BOTH = {200: {"content": {_FLOATS: {}, "image/png": {}}}}
+_BOTH: dict[int, Any] = {200: {"content": {_FLOATS: {}, "image/png": {}}}}
 
 Solution = Annotated[str, Query(max_length=100, description="By default the one in use.")]
 Metres = Annotated[float, Query(allow_inf_nan=False)]

@@ -78,17 +78,24 @@ def test_a_stopped_job_keeps_its_items_and_goes_on_there(
     kept = items()
     assert 0 < len(kept) < MAPLETS
     if how == "cancelled":
-        job = service.submit(stages=["mapolas"])
+        return
     service.work()
     check_same(service, job, by_command)
     assert {name: items()[name] for name in kept} == kept
 
 
 def test_a_worker_that_is_killed_costs_its_items_and_no_more(
-    service: Service, items: Items, by_command: tuple[Path, dict]
+    service: Service,
+    items: Items,
+    by_command: tuple[Path, dict],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     job = service.submit(stages=["mapolas"])
-    command = worker_command(service.folder, service.folder / ".service" / "store.sqlite", OPTIONS)
+    store = str(service.folder / ".service" / "store.sqlite")
+    # Where users give a URL with a password.
+    monkeypatch.setenv("SPCOLA_STORE", store)
+    command = worker_command(service.folder, store, OPTIONS)
+    assert store not in command[-1]
     supervisor = Supervisor(command, 1, lost=service.store.lost)
     supervisor.start()
     wait_for(items)
@@ -242,8 +249,4 @@ def test_a_whole_run_is_that_of_the_command_to_the_bit(service: Service, tmp_pat
     assert [one["state"] for one in done.result["stages"]] == [
         one["state"] for one in printed["stages"]
     ]
-    same = {"report.html", "release"}
-    one, other = files_in(tmp_path / "ball"), files_in(service.workspace)
-    assert one.keys() == other.keys()
-    differing = {name for name in one if one[name] != other[name]}
-    assert {Path(name).parts[0] for name in differing} <= same
+    assert files_in(tmp_path / "ball") == files_in(service.workspace)

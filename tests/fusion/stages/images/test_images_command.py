@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.pipeline.solutions import MadeBy, making_solution
+from fusion.runtime.folders import LOCK_FILE, locked
 from fusion.stages.images import importing
 from fusion.stages.images.catalogue import count_images, read_catalogue, write_catalogue
 from fusion.workspace import Workspace, new_workspace
@@ -123,6 +124,24 @@ def test_a_state_is_added_to_known_pixels(given, made):
     assert not again["new"]
     assert len(made.image_names()) == 6
     assert all(one.state["source"] == "poses" for one in read_catalogue(made).values())
+
+
+def test_states_come_in_only_while_nobody_else_works_with_their_solution(given, made):
+    with locked(made.root / LOCK_FILE):
+        before = tree(made.root)
+        assert "is at work here" in refusal("images", made.root, *files(given), *states(given))
+        assert tree(made.root) == before
+        # Pixels belong to no solution.
+        assert len(content("images", made.root, *files(given))["new"]) == 6
+
+
+def test_equal_bytes_of_another_size_are_another_image(made, tmp_path):
+    path = tmp_path / "A.DAT"
+    path.write_bytes(bytes(range(96)))
+    call("images", made.root, path, "--size", 12, 8)
+    assert "as A, read as 12 × 8 pixels and not as 8 × 12" in refusal(
+        "images", made.root, path, "--size", 8, 12
+    )
 
 
 def test_solutions_that_rest_on_the_imported_one_do_not_change(given, made):

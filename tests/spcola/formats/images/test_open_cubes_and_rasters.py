@@ -55,7 +55,7 @@ def test_isis_bands_are_chosen(samples, tmp_path, ramp) -> None:
     content = samples.isis_bytes(np.stack([ramp, ramp + 1]), "UnsignedWord")
     path = put(tmp_path / "a.cub", content)
     check(open_image(path, band=2), ramp + 1)
-    with pytest.raises(FormatError, match="has 2 bands; give the number of one"):
+    with pytest.raises(FormatError, match="has 2 bands; write one of them"):
         open_image(path)
     with pytest.raises(InvalidValueError, match="has no band 3"):
         open_image(path, band=3)
@@ -96,7 +96,7 @@ def test_missing_pixels_of_rasters(tmp_path, ramp) -> None:
 def test_colour_is_refused_unless_a_band_is_given(tmp_path, ramp) -> None:
     grey = (ramp // 16).astype(np.uint8)
     path = write_raster(tmp_path / "a.png", "PNG", [grey, grey + 1, grey])
-    with pytest.raises(FormatError, match="is in colour; give the number of one band"):
+    with pytest.raises(FormatError, match="is in colour; convert it to grey"):
         open_image(path).read()
     check(open_image(path, band=2), grey + 1)
 

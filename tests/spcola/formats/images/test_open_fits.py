@@ -83,7 +83,7 @@ def test_fits_with_one_plane_and_with_an_extension(samples, tmp_path, ramp) -> N
     check(open_image(put(tmp_path / "b.fits", empty + extension)), ramp)
     path = put(tmp_path / "c.fits", samples.fits_bytes(np.stack([plane, plane + 1]).astype(">i2")))
     check(open_image(path, band=2), ramp + 1)
-    with pytest.raises(FormatError, match="has 2 bands; give the number of one"):
+    with pytest.raises(FormatError, match="has 2 bands; write one of them"):
         open_image(path)
 
 
@@ -101,7 +101,7 @@ def test_bands_of_pds_images(samples, tmp_path, ramp) -> None:
     check(open_image(path, band=2), ramp + 1)
     with pytest.raises(InvalidValueError, match="has no band 4"):
         open_image(path, band=4)
-    with pytest.raises(FormatError, match="has 3 bands; give the number of one"):
+    with pytest.raises(FormatError, match="has 3 bands; write one of them"):
         open_image(path)
 
 

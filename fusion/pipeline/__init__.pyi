@@ -1,0 +1,9 @@
+from .opened import opened as opened
+from .pipeline import Pipeline as Pipeline
+from .stage import Stage as Stage
+from .stage import StageContext as StageContext
+from .stage import StageResult as StageResult
+from .stage import find_table as find_table
+from .stage_run import StageRun as StageRun
+from .subset import Subset as Subset
+from .subset import with_kept as with_kept
