@@ -82,6 +82,7 @@ MACHINERY = (
     "fusion.runtime",
     "fusion.scaling.judging",
     "fusion.scaling.results",
+    "fusion.service",
     "fusion.stages.",
     "fusion.truth",
     "fusion.workspace.settings",

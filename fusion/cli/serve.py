@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -184,7 +185,7 @@ def token_add(
     lifetime_s = None if days is None else days * _DAY_S
     with _opened(folder, store) as opened:
         secret, token = opened.tokens.make(user, scopes, name=label, lifetime_s=lifetime_s)
-    show({**_token_content(token), "secret": secret}, [secret], as_json=as_json)
+    show({**asdict(token), "secret": secret}, [secret], as_json=as_json)
 
 
 def token_list(
@@ -194,7 +195,7 @@ def token_list(
     with _opened(folder, store) as opened:
         found = opened.tokens.all()
     show(
-        {"tokens": [_token_content(token) for token in found]},
+        {"tokens": [asdict(token) for token in found]},
         [_token_line(token) for token in found] or ["no tokens"],
         as_json=as_json,
     )
@@ -266,19 +267,6 @@ def _record_recovered(store: Store, folder: Path) -> None:
         places = {name: service.folder(name) for name in service.names()}
         for line in [*store.notes, *recovery.record_recovered_runs(store, places)]:
             typer.echo(line, err=True)
-
-
-def _token_content(token: Token) -> dict[str, Any]:
-    return {
-        "id": token.id,
-        "user": token.user,
-        "name": token.name,
-        "scopes": {place: scope.value for place, scope in token.scopes.items()},
-        "created": token.created,
-        "expires": token.expires,
-        "revoked": token.revoked,
-        "last_used": token.last_used,
-    }
 
 
 def _token_line(token: Token) -> str:

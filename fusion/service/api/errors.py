@@ -20,7 +20,6 @@ class Refusal(StrEnum):
     CONFLICT = "conflict"
     WRONG_OFFSET = "wrong-offset"
     WRONG_CHECKSUM = "wrong-checksum"
-    PRECONDITION_FAILED = "precondition-failed"
     TOO_LARGE = "too-large"
     OVER_QUOTA = "over-quota"
     UNSUPPORTED_MEDIA = "unsupported-media-type"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,8 +36,6 @@ class Limits:
     ----------
     body_bytes : int
         Of a request that is no upload.
-    part_bytes : int
-        Of one part of an upload.
     upload_bytes : int
         Of one uploaded file.
     uploads : int
@@ -56,7 +55,6 @@ class Limits:
     """
 
     body_bytes: int = 1 << 20
-    part_bytes: int = 1 << 30
     upload_bytes: int = 1 << 38
     uploads: int = 10_000
     quota_bytes: int = 1 << 40
@@ -93,6 +91,7 @@ class Service:
         self.cache = LayerCache()
         self.streams = 0
         self._receiving: set[str] = set()
+        self._lock = threading.Lock()
         self._tokens: dict[str, tuple[float, Token]] = {}
 
     @property
@@ -174,11 +173,11 @@ class Service:
     @contextmanager
     def receiving(self, upload: str) -> Iterator[None]:
         """Let one request at a time work on an upload; raises RequestRefusedError."""
-        if upload in self._receiving:
-            raise RequestRefusedError(
-                Refusal.CONFLICT, "another request works on this upload", upload, "wait for it"
-            )
-        self._receiving.add(upload)
+        with self._lock:
+            if upload in self._receiving:
+                what = "another request works on this upload"
+                raise RequestRefusedError(Refusal.CONFLICT, what, upload, "wait for it")
+            self._receiving.add(upload)
         try:
             yield
         finally:

@@ -59,7 +59,7 @@ def record_recovered_runs(store: Store, workspaces: Mapping[str, Path]) -> list[
                     store.add_finished(request, result, ended)
                     finished = ", ".join(result)
                     lines.append(f"{name}, solution {solution.name}: {finished} had finished")
-        except SpcolaError as error:
+        except (SpcolaError, ValueError) as error:  # ValueError: a time that is none
             lines.append(f"{name}: is not recovered ({error})")
     for line in lines:
         store.audit.add(AuditEntry("spcola", "run-recovered", details={"text": line}))

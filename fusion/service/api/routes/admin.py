@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,7 +13,7 @@ from starlette.responses import Response
 from fusion.service.api.access import ADMIN, Routes
 from fusion.service.api.answers import json_answer, next_link
 from fusion.service.api.service import service_of
-from fusion.service.store import Scope, Token
+from fusion.service.store import Scope
 
 routes = Routes("/api/v1", "administration")
 _DAY_S = 86_400.0
@@ -41,9 +41,8 @@ class TokenRequest(BaseModel):
 @routes.add("GET", "/tokens", ADMIN)
 def tokens(request: Request) -> Response:
     """List all tokens, without their secrets."""
-    return json_answer(
-        request, {"tokens": [token_json(token) for token in service_of(request).store.tokens.all()]}
-    )
+    found = service_of(request).store.tokens.all()
+    return json_answer(request, {"tokens": [asdict(token) for token in found]})
 
 
 @routes.add("POST", "/tokens", ADMIN, status_code=201)
@@ -56,7 +55,7 @@ def make_token(request: Request, body: TokenRequest) -> Response:
         lifetime_s=None if body.days is None else body.days * _DAY_S,
     )
     headers = {"Location": f"{request.url.path}/{token.id}", "Cache-Control": "no-store"}
-    answer = json_answer(request, {**token_json(token), "secret": secret}, headers)
+    answer = json_answer(request, {**asdict(token), "secret": secret}, headers)
     answer.status_code = 201
     return answer
 
@@ -84,17 +83,3 @@ def audit(
     shown = found[:limit]
     more = next_link(request, "before", str(shown[-1].number)) if len(found) > limit else {}
     return json_answer(request, {"entries": [asdict(entry) for entry in shown]}, more)
-
-
-def token_json(token: Token) -> dict[str, Any]:
-    """Return a token in JSON types; times are seconds since 1970, null if never."""
-    return {
-        "id": token.id,
-        "user": token.user,
-        "name": token.name,
-        "scopes": dict(token.scopes),
-        "created": token.created,
-        "expires": token.expires,
-        "revoked": token.revoked,
-        "last_used": token.last_used,
-    }

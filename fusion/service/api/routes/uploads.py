@@ -120,14 +120,15 @@ async def send_part(
         raise RequestRefusedError(
             Refusal.UNSUPPORTED_MEDIA, "is no part of an upload", "Content-Type", min(_PARTS)
         )
-    found = await run_in_threadpool(_open, service, workspace, upload)
-    if offset != found.offset or found.state is not UploadState.OPEN:
-        raise RequestRefusedError(
-            Refusal.WRONG_OFFSET,
-            f"{found.offset} bytes have arrived, not {offset}; the upload is {found.state.value}",
-            "Upload-Offset",
-        )
-    with service.receiving(found.id):
+    with service.receiving(upload):
+        # Not before: another request may just have ended.
+        found = await run_in_threadpool(_open, service, workspace, upload)
+        if offset != found.offset or found.state is not UploadState.OPEN:
+            raise RequestRefusedError(
+                Refusal.WRONG_OFFSET,
+                f"{found.offset} bytes have arrived, not {offset}; it is {found.state.value}",
+                "Upload-Offset",
+            )
         found = await _received(request, service, found)
     return Response(status_code=204, headers=_progress(found))
 
@@ -136,15 +137,15 @@ async def send_part(
 def complete_upload(request: Request, workspace: str, upload: str) -> Response:
     """Check the checksum and keep the file for a job that imports it."""
     service = service_of(request)
-    found = _open(service, workspace, upload)
-    if found.offset != found.size:
-        raise RequestRefusedError(
-            Refusal.WRONG_OFFSET,
-            f"{found.offset} of {found.size} bytes have arrived",
-            do="send the others",
-        )
-    file = _file_of(service, found)
-    with service.receiving(found.id):
+    with service.receiving(upload):
+        found = _open(service, workspace, upload)
+        if found.offset != found.size:
+            raise RequestRefusedError(
+                Refusal.WRONG_OFFSET,
+                f"{found.offset} of {found.size} bytes have arrived",
+                do="send the others",
+            )
+        file = _file_of(service, found)
         try:
             file.complete(found.sha256)
         except RequestRefusedError:
@@ -159,8 +160,8 @@ def complete_upload(request: Request, workspace: str, upload: str) -> Response:
 def remove_upload(request: Request, workspace: str, upload: str) -> Response:
     """Remove an upload and its bytes."""
     service = service_of(request)
-    found = _open(service, workspace, upload)
-    with service.receiving(found.id):
+    with service.receiving(upload):
+        found = _open(service, workspace, upload)
         service.store.uploads.end(found.id, UploadState.REMOVED)
         _file_of(service, found).remove()
     return Response(status_code=204)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import stat
 from contextlib import closing
@@ -10,9 +11,12 @@ from pathlib import Path
 import pytest
 from sqlalchemy import inspect, text
 
+from fusion.pipeline.catalog.records import StageRecord
 from fusion.service.jobs import JobKind, JobRequest, JobState
 from fusion.service.store import AuditEntry, Scope, Store, StoreError, Upload, schema
 from fusion.service.store.records import UploadState
+from fusion.service.store.recovery import record_recovered_runs
+from fusion.workspace import new_workspace
 from spcola.errors import InvalidValueError
 
 REQUEST = JobRequest(JobKind.RUN, "bennu", "ada", {"stages": ["register"]})
@@ -258,3 +262,47 @@ def test_an_unreachable_server_is_named_without_its_password() -> None:
     assert code == "store-unavailable"
     assert "secret" not in message
     assert "127.0.0.1" in message
+
+
+def test_connections_that_the_server_ends_are_made_anew(new_database) -> None:
+    def end_all(connection) -> None:
+        others = "WHERE datname = current_database() AND pid <> pg_backend_pid()"
+        connection.execute(text(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity {others}"))
+
+    url = new_database()
+    with Store(url) as store, Store(url) as other:
+        store.submit(REQUEST)
+
+        def submit_while_the_server_stops() -> None:
+            with store._database.writing() as connection:
+                connection.execute(text("DELETE FROM job"))
+                with other._database.reading() as administrator:
+                    end_all(administrator)
+                connection.execute(text("DELETE FROM event"))
+
+        assert fault(submit_while_the_server_stops)[0] == "store-unavailable"
+        assert len(store.jobs()) == len(store.events()) == 1
+        with other._database.reading() as administrator:
+            end_all(administrator)
+        assert store.submit(REQUEST).state is JobState.WAITING
+
+
+def test_finished_runs_are_recovered_from_the_workspaces(store: Store, tmp_path: Path) -> None:
+    roots = {"bennu": tmp_path / "a", "new": tmp_path / "b", "absent": tmp_path / "c"}
+    for root in (roots["bennu"], roots["new"]):
+        new_workspace(root, body="Bennu")
+    (roots["bennu"] / "provenance").mkdir()
+    for stage, time in {"ingest": "2026-11-20T10:00:00", "register": "2026-11-21T10:00:00"}.items():
+        record = StageRecord(stage, "k", "1", {}, {}, {}, {"n": 3}, f"{time}+00:00")
+        path = roots["bennu"] / "provenance" / f"{stage}.json"
+        path.write_text(json.dumps(record.as_dict()))
+    lines = record_recovered_runs(store, roots)
+    assert [line.partition(" ")[0] for line in lines] == ["bennu,", "absent:"]
+    (job,) = store.jobs()
+    assert job.state is JobState.FINISHED
+    assert job.request.user == "recovered"
+    assert job.result == {"ingest": {"n": 3}, "register": {"n": 3}}
+    assert job.ended == 1795255200.0
+    assert store.audit.entries()[0].action == "run-recovered"
+    record_recovered_runs(store, roots)
+    assert len(store.jobs()) == 1
