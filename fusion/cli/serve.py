@@ -216,7 +216,8 @@ def token_revoke(
 @contextmanager
 def _alone(folder: Path) -> Iterator[Path]:
     """Let no second service work on a folder meanwhile; yield the folder of its state."""
-    from fusion.runtime.folders import BusyError, locked, make_folder
+    from fusion.runtime.folders import locked, make_folder
+    from fusion.runtime.folders.lock import BusyError
 
     state = _state_folder(folder)
     make_folder(state)

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any
 
-from fusion.runtime.folders.ticks import may_hide_a_change
+from fusion.runtime.folders import may_hide_a_change
 
 CATALOG_FILE = "catalog.sqlite"
 FileStatus = tuple[int, int, int, int]

@@ -13,6 +13,8 @@ from typing import IO, Any
 from fusion.runtime.processes import check_interrupts
 from spcola.errors import WorkspaceError
 
+__all__ = ["LOCK_FILE", "BusyError", "is_locked", "locked"]
+
 LOCK_FILE = ".lock"
 """Name of the lock file in a workspace, or in the folder of a solution."""
 _ASKED_AGAIN_S = 0.2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["may_hide_a_change"]
-
 # Longest tick of the kernel's clock, and of file systems.
 _TICK_NS, _COARSE_TICK_NS = 10_000_000, 2_000_000_000
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from fusion.runtime.children import PoisonousItemError
 from fusion.runtime.executor import ClusterError
-from fusion.runtime.folders import BusyError
+from fusion.runtime.folders.lock import BusyError
 from fusion.service.jobs import JobError
 from fusion.service.store import StoreError, StoreFault
 from fusion.service.work.options import WorkOptions
