@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from spcola.errors import WorkspaceError
+from spcola.errors import DiskFullError, WorkspaceError
 
 _ADVICE = {
     errno.ENOSPC: "free some space and run the command again: nothing was overwritten",
@@ -18,6 +18,7 @@ _ADVICE = {
     errno.EROFS: "the file system is read-only",
     errno.ENOENT: "create the folder first",
 }
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -71,4 +72,5 @@ def write_error(path: Path, error: OSError) -> WorkspaceError:
     """Return a one-line error for an operating-system error while writing `path`."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     advice = _ADVICE.get(error.errno or 0, "check the disk and the folder")
-    return WorkspaceError(f"cannot be written ({reason})", path, advice)
+    kind = DiskFullError if error.errno in _FULL else WorkspaceError
+    return kind(f"cannot be written ({reason})", path, advice)

@@ -85,3 +85,7 @@ class RejectedResultError(SpcolaError):
 
 class WorkspaceError(SpcolaError):
     """The workspace lacks something, or cannot be read or written."""
+
+
+class DiskFullError(WorkspaceError):
+    """Nothing more can be written: the disk, a quota or the largest file is full."""

@@ -19,6 +19,7 @@ from fusion.cli import (
     folder,
     images,
     look,
+    serve,
     solution,
     stages,
     states,
@@ -71,6 +72,7 @@ for _name, _function, _example in COMMANDS:
 app.add_typer(solution.app)
 app.add_typer(truth.app)
 app.add_typer(camera.app)
+app.add_typer(serve.app)
 
 
 def _print_version(wanted: bool) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sized
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -42,20 +41,6 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
         raise
     except OSError as error:
         raise SpcolaError(f"cannot be written ({error.strerror})", "standard output") from error
-
-
-def run_content(run: StageRun) -> dict[str, Any]:
-    """Return the content of ``--json`` for one stage."""
-    content: dict[str, Any] = {"stage": run.stage, "state": run.state, "seconds": run.seconds}
-    if run.reason:
-        content["reason"] = run.reason
-    if run.obstacle:
-        content["obstacle"] = run.obstacle
-    if run.notes:
-        content["notes"] = list(run.notes)
-    if run.remarks:
-        content["remarks"] = [asdict(one) for one in run.remarks]
-    return {**content, "summary": dict(run.summary)}
 
 
 def run_lines(run: StageRun) -> list[str]:

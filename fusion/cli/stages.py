@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from fusion.cli.options import RunOptions, WorkspaceArgument, executor_of, shared_path
-from fusion.cli.output import run_content, run_lines, show
+from fusion.cli.output import run_lines, show
 from spcola.errors import RejectedResultError, SettingsError
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def _scale_and_apply(workspace: Path, name: str, method: str | None, options: Ru
     applied = apply_scale(
         pipeline.workspace, name, pipeline.progress, accepted=pipeline.settings.accept.codes
     )
-    content = {**run_content(ran), "applied": applied.as_dict()}
+    content = {**ran.as_json(), "applied": applied.as_dict()}
     show(content, [*run_lines(ran), *applied.lines()], as_json=options.as_json)
 
 
@@ -235,7 +235,7 @@ def _print(
     pipeline: Pipeline, runs: list[StageRun], options: RunOptions, *, alone: bool = False
 ) -> None:
     """Print what the stages did, and end with an error if a result may not be used."""
-    found = [run_content(one) for one in runs]
+    found = [one.as_json() for one in runs]
     content = found[0] if alone else {"workspace": str(pipeline.workspace.root), "stages": found}
     show(content, [line for one in runs for line in run_lines(one)], as_json=options.as_json)
     _end(pipeline, runs)

@@ -183,6 +183,7 @@ class Pipeline:
         notes = self._report(catalog, [*(changed.text for changed in before), *noted])
         context = self._context(stage, key, own, catalog.record(stage.name))
         self._note_shape(key.inputs)
+        self.progress.begin_stage(stage.name)
         result = stage.run(context)
         if self.subset:
             result = replace(result, summary={**result.summary, "subset": self.subset.as_json()})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, Self
 
 from fusion.estimation.verdict import Finding, Verdict
@@ -46,6 +46,20 @@ class StageRun:
     def not_made(cls, stage: str, reason: str) -> Self:
         """Return the outcome of a stage that must not run, so that no other may use its result."""
         return cls(stage, "cannot run", reason=reason, obstacle=f"not made: {reason}")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of ``--json``."""
+        content: dict[str, Any] = {"stage": self.stage, "state": self.state}
+        content["seconds"] = self.seconds
+        if self.reason:
+            content["reason"] = self.reason
+        if self.obstacle:
+            content["obstacle"] = self.obstacle
+        if self.notes:
+            content["notes"] = list(self.notes)
+        if self.remarks:
+            content["remarks"] = [asdict(one) for one in self.remarks]
+        return {**content, "summary": dict(self.summary)}
 
     def judged(self, accepted: Iterable[str], notes: tuple[str, ...]) -> Self:
         """Add why the result may not be used, unless its codes are accepted, and notes."""

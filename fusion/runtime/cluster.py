@@ -10,21 +10,19 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
 from importlib.metadata import version
 from typing import Any, Generic, TypeVar
 
-import cloudpickle
 from distributed import Client
 from distributed.client import ClosedClientError
 from distributed.comm import CommClosedError
 from distributed.core import rpc
 from distributed.scheduler import KilledWorker
 
-from fusion.runtime.executor import AHEAD
-from fusion.runtime.machine.threads import one_blas_thread
+from fusion.runtime.children import Payload, PoisonousItemError, item_name, perform
+from fusion.runtime.executor import AHEAD, ClusterError
 from fusion.runtime.processes.interrupt import check_interrupts
-from spcola.errors import SettingsError, SpcolaError
+from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -38,10 +36,6 @@ _LOOK_S = 5
 _START = "start one: dask scheduler, and on each machine: dask worker ADDRESS"
 # A task is given up after so many workers died of it, or its function was lost as often.
 _TRIES = 3
-
-
-class ClusterError(SpcolaError):
-    """The cluster was lost, or cannot do the work."""
 
 
 @dataclass
@@ -101,10 +95,11 @@ class ClusterExecutor:
         Raises
         ------
         ClusterError
-            If the scheduler is gone, or all workers are and none comes back within 20 s; or if
-            workers died of an item as often as it was tried.
+            If the scheduler is gone, or all workers are and none comes back within 20 s.
+        PoisonousItemError
+            If workers died of an item as often as it was tried; it names the item.
         """
-        payload = cloudpickle.dumps(function)
+        payload = Payload.of(function)
         waiting: deque[_Waiting[Item]] = deque()
         try:
             with self._loss_reported():
@@ -131,14 +126,14 @@ class ClusterExecutor:
                 result = oldest.future.result()
                 break
             except KilledWorker as error:
-                raise _given_up() from error
+                raise _given_up(oldest.item) from error
             except CommClosedError as error:
                 raise self._lost() from error
             except CancelledError as error:
                 self._check_alive()
                 oldest.tries += 1
                 if oldest.tries >= _TRIES:
-                    raise _given_up() from error
+                    raise _given_up(oldest.item) from error
                 with self._loss_reported():
                     oldest.future = sent.submit_again(oldest.item)
         waiting.popleft()
@@ -226,16 +221,17 @@ class ClusterExecutor:
 class _Sent:
     """A function that was sent to the workers."""
 
-    def __init__(self, client: Any, payload: bytes) -> None:
+    def __init__(self, client: Any, payload: Payload) -> None:
         self._client, self._payload = client, payload
-        self._digest = sha256(payload).hexdigest()
         self._function = self._scattered()
 
     def _scattered(self) -> Any:
-        return self._client.scatter(self._payload, broadcast=True, hash=False, timeout=_ANSWER_S)
+        return self._client.scatter(
+            self._payload.content, broadcast=True, hash=False, timeout=_ANSWER_S
+        )
 
     def submit(self, item: Any) -> Any:
-        return self._client.submit(perform, self._function, self._digest, item, pure=False)
+        return self._client.submit(perform, self._function, self._payload.digest, item, pure=False)
 
     def submit_again(self, item: Any) -> Any:
         """Submit an item again after the workers that had the function were lost."""
@@ -279,31 +275,18 @@ def _check_scheduler(address: str) -> None:
         )
 
 
-def _no_scheduler(address: str) -> SettingsError:
-    return SettingsError(f"no Dask scheduler answers at {address}", WHERE, _START)
+class NoSchedulerError(ClusterError, SettingsError):
+    """No scheduler answers at the address."""
 
 
-def _given_up() -> ClusterError:
-    return ClusterError(
-        f"{_TRIES} workers died of the same piece of work",
-        WHERE,
-        "give them more memory, or fewer threads each",
+def _no_scheduler(address: str) -> NoSchedulerError:
+    return NoSchedulerError(f"no Dask scheduler answers at {address}", WHERE, _START)
+
+
+def _given_up(item: Any) -> PoisonousItemError:
+    return PoisonousItemError(
+        item_name(item), _TRIES, "workers died", "give them more memory, or fewer threads each"
     )
-
-
-# The current function of this worker. It is unpacked once: that may open files or build a shape.
-_unpacked: dict[str, Callable[[Any], Any]] = {}
-
-
-def perform(payload: bytes, digest: str, item: Any) -> Any:
-    """Apply the function in `payload` to an item; runs on a worker."""
-    function = _unpacked.get(digest)
-    if function is None:
-        _unpacked.clear()
-        function = _unpacked.setdefault(digest, cloudpickle.loads(payload))
-    # As on threads: the tasks are the parallelism, and BLAS must not add its own.
-    with one_blas_thread():
-        return function(item)
 
 
 def versions() -> dict[str, str]:

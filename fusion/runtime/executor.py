@@ -11,7 +11,9 @@ from typing import Protocol, TypeVar
 
 from fusion.runtime.machine.threads import one_blas_thread
 from fusion.runtime.processes.interrupt import check_interrupts
-from spcola.errors import SettingsError
+from spcola.errors import SettingsError, SpcolaError
+
+__all__ = ["AHEAD", "ClusterError", "Executor", "ThreadExecutor", "usable_cores"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -25,6 +27,10 @@ AHEAD = 2
 _SWITCH_S = 2e-4
 # More threads than any machine has cores only take memory, as each has its own returns.
 _MOST_WORKERS = 1024
+
+
+class ClusterError(SpcolaError):
+    """A cluster was lost: what was under way can go on when it is back."""
 
 
 class Executor(Protocol):

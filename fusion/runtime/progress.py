@@ -16,6 +16,8 @@ from rich.progress import Progress as RichProgress
 
 from fusion.runtime.remaining import RemainingTime
 
+__all__ = ["Progress", "Task"]
+
 PATIENCE_S = 2.0
 """Work shorter than this shows nothing."""
 LINE_INTERVAL_S = 10.0
@@ -81,6 +83,7 @@ class Progress:
 
     def __init__(self, mode: Mode = "silent", stream: TextIO | None = None) -> None:
         self.mode = mode
+        self.stage = ""
         self._console = Console(file=sys.stderr if stream is None else stream)
 
     @classmethod
@@ -89,6 +92,10 @@ class Progress:
         if silent:
             return cls("silent")
         return cls("bar" if sys.stderr.isatty() else "lines")
+
+    def begin_stage(self, name: str) -> None:
+        """Note the stage of which the next tasks are parts."""
+        self.stage = name
 
     def note(self, text: str) -> None:
         """Print one line, unless silent."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 import hashlib
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -130,16 +130,44 @@ class MapStore(Generic[M]):
         FormatError
             If the HDF5 is something else or damaged, or does not belong to ``NAME.MAP``.
         """
-        path, map_path = Path(folder) / self.file, Path(folder) / f"{name}.MAP"
+        map_path = Path(folder) / f"{name}.MAP"
+        with self._group(folder, name) as group:
+            self._check_digest(group, map_path)
+            return self._load(group, name, map_path.stat().st_size)
+
+    def grid(self, folder: str | Path, name: str) -> MapletGrid:
+        """Return the grid of the maplet `name`; raises as :meth:`read`."""
+        map_path = Path(folder) / f"{name}.MAP"
+        with self._group(folder, name) as group:
+            self._check_digest(group, map_path)
+            return _load_grid(group, map_path.stat().st_size)
+
+    def part(
+        self, folder: str | Path, name: str, layer: str, rows: slice, columns: slice
+    ) -> AnyArray:
+        """Read part of one of the `layers` of the maplet `name`; raises as :meth:`read`.
+
+        Only this part is read, and the .MAP is not compared again: see :meth:`grid`.
+        """
+        with self._group(folder, name) as group:
+            data = group[layer]
+            if data.ndim != 2 or data.dtype.kind not in "iuf":
+                raise InvalidValueError("is no layer of numbers", layer)
+            return data[rows, columns]
+
+    @contextmanager
+    def _group(self, folder: str | Path, name: str) -> Iterator[Any]:
+        """Yield the group of the maplet `name`."""
+        path = Path(folder) / self.file
         with self._opened(path, f"is damaged at {name}") as file:
             if name not in file:
                 raise WorkspaceError(f"holds no {self.kind} {name}", path, self._again)
-            digest = read_text(file[name], "map_sha256")
-            if self._digest(map_path) != digest:
-                raise FormatError(
-                    f"is not the map that {self.file} describes", map_path, self._again
-                )
-            return self._load(file[name], name, map_path.stat().st_size)
+            yield file[name]
+
+    def _check_digest(self, group: Any, map_path: Path) -> None:
+        """Refuse a .MAP that is not the one of its group."""
+        if self._digest(map_path) != read_text(group, "map_sha256"):
+            raise FormatError(f"is not the map that {self.file} describes", map_path, self._again)
 
     @property
     def _again(self) -> str:
@@ -197,15 +225,11 @@ class MapStore(Generic[M]):
 
     def _load(self, group: Any, name: str, map_bytes: int) -> M:
         """Read one maplet, whose .MAP has so many bytes, from its group."""
-        kept = group.attrs
-        half_size = int(read_number(group, "half_size"))
-        # A constant layer takes no space here, whatever its shape: the .MAP has the size.
-        if map_length(half_size) != map_bytes:
-            raise InvalidValueError(f"of {half_size} is not that of its .MAP", "half_size")
-        grid = MapletGrid(kept["center"], kept["axes"], read_number(group, "gsd"), half_size)
+        grid = _load_grid(group, map_bytes)
         layers = {layer: read_layer(group, layer, grid.shape) for layer in self.layers}
         mappings = {mapping: _load_mapping(group[mapping]) for mapping in self.mappings}
-        return self.make(name, grid, **layers, center_sigma=kept["center_sigma"], **mappings)
+        sigma = group.attrs["center_sigma"]
+        return self.make(name, grid, **layers, center_sigma=sigma, **mappings)
 
     def _opened(self, path: Path, what: str = "is damaged") -> AbstractContextManager[Any]:
         """Open the HDF5 for reading, refused if it is something else."""
@@ -217,6 +241,16 @@ class MapStore(Generic[M]):
             return hashlib.sha256(path.read_bytes()).hexdigest()
         except OSError as error:
             raise WorkspaceError(f"cannot be read ({error.strerror})", path, self._again) from error
+
+
+def _load_grid(group: Any, map_bytes: int) -> MapletGrid:
+    """Read the grid of one maplet, whose .MAP has so many bytes, from its group."""
+    half_size = int(read_number(group, "half_size"))
+    # A constant layer takes no space here, whatever its shape: the .MAP has the size.
+    if map_length(half_size) != map_bytes:
+        raise InvalidValueError(f"of {half_size} is not that of its .MAP", "half_size")
+    kept = group.attrs
+    return MapletGrid(kept["center"], kept["axes"], read_number(group, "gsd"), half_size)
 
 
 def _store_layer(group: Any, name: str, values: AnyArray) -> None:

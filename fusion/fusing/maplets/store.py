@@ -11,13 +11,14 @@ from spcola.formats.map_store import MapStore
 FUSED_HDF5 = "fused.h5"
 """Name of the HDF5 file in a folder of fused maplets."""
 
-_STORE = MapStore(
+FUSED_STORE = MapStore(
     kind="fused maplet",
     file=FUSED_HDF5,
     form="spcola fused maplets 1",
     layers=("height", "sigma", "albedo", "count", "source"),
     make=FusedMaplet,
 )
+"""Storage of fused maplets in a folder."""
 
 
 def write_fused(
@@ -44,7 +45,7 @@ def write_fused(
     InvalidValueError
         If two maplets have one name, or a name is not a valid file name.
     """
-    return _STORE.write(folder, maplets, sigma_companions=sigma_companions)
+    return FUSED_STORE.write(folder, maplets, sigma_companions=sigma_companions)
 
 
 def fused_names(folder: str | Path) -> list[str]:
@@ -55,7 +56,7 @@ def fused_names(folder: str | Path) -> list[str]:
     WorkspaceError, FormatError
         If there is no ``fused.h5``, or it is something else.
     """
-    return _STORE.names(folder)
+    return FUSED_STORE.names(folder)
 
 
 def read_fused(folder: str | Path, name: str) -> FusedMaplet:
@@ -74,4 +75,4 @@ def read_fused(folder: str | Path, name: str) -> FusedMaplet:
     FormatError
         If ``fused.h5`` is damaged or does not belong to ``NAME.MAP``.
     """
-    return _STORE.read(folder, name)
+    return FUSED_STORE.read(folder, name)

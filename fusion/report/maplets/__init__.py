@@ -1,6 +1,6 @@
 """Panels of figures that show maplets."""
 
-from fusion.report.maplets.hillshade import hillshade
+from fusion.report.maplets.hillshade import hillshade, slope_deg
 from fusion.report.maplets.panels import (
     bar_below,
     draw_differences,
@@ -17,5 +17,6 @@ __all__ = [
     "grid_image",
     "hillshade",
     "label_panels",
+    "slope_deg",
     "symmetric_limit",
 ]

@@ -13,9 +13,15 @@ from typing import IO, Any
 from fusion.runtime.processes import check_interrupts
 from spcola.errors import WorkspaceError
 
+__all__ = ["LOCK_FILE", "BusyError", "is_locked", "locked"]
+
 LOCK_FILE = ".lock"
 """Name of the lock file in a workspace, or in the folder of a solution."""
 _ASKED_AGAIN_S = 0.2
+
+
+class BusyError(WorkspaceError):
+    """Another program works in the folder."""
 
 
 @contextmanager
@@ -30,8 +36,10 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
 
     Raises
     ------
+    BusyError
+        If another program holds it.
     WorkspaceError
-        If another program holds it or removed it meanwhile, or it cannot be written.
+        If it was removed meanwhile, or cannot be written.
     """
     try:
         lock = path.open("w", encoding="utf-8")
@@ -40,7 +48,7 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     with lock:
         while not _taken(lock):
             if not wait:
-                raise WorkspaceError(
+                raise BusyError(
                     "another spcola is at work here", path.parent, "wait until it is done: --wait"
                 )
             # A blocking call would keep Ctrl-C from being noticed.

@@ -5,3 +5,5 @@ from .interrupt import remembering_interrupts as remembering_interrupts
 from .isolation import ProcessLimits as ProcessLimits
 from .isolation import apply_limits as apply_limits
 from .isolation import isolated as isolated
+from .isolation import limit_process as limit_process
+from .isolation import limited_memory as limited_memory

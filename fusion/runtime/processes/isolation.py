@@ -15,8 +15,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,16 +113,34 @@ def apply_limits() -> None:
     if not stated:
         return
     memory_mb, seconds = map(int, stated.split())
-    cores = os.cpu_count() or 1
+    # The parent, which keeps the time, may be gone.
+    limit_process(memory_mb, seconds * (os.cpu_count() or 1))
+
+
+def limit_process(memory_mb: int, cpu_s: int = 0) -> None:
+    """Limit address space and processor time of this process, for good; 0 for no limit."""
     for kind, most in (
         (resource.RLIMIT_AS, memory_mb << 20),
-        # The parent, which keeps the time, may be gone.
-        (resource.RLIMIT_CPU, seconds * cores),
+        (resource.RLIMIT_CPU, cpu_s),
         (resource.RLIMIT_CORE, 0),
     ):
-        hard = resource.getrlimit(kind)[1]
-        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (least, least))
+        if most or kind == resource.RLIMIT_CORE:
+            hard = resource.getrlimit(kind)[1]
+            least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            resource.setrlimit(kind, (least, least))
+
+
+@contextmanager
+def limited_memory(memory_mb: int) -> Iterator[None]:
+    """Limit the address space of this process as long as the context is open."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    most = memory_mb << 20
+    least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (least, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def _ended(child: subprocess.Popen[bytes], limits: ProcessLimits) -> tuple[int, str]:

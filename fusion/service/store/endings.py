@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Connection, select
 
 from fusion.service.jobs import JobError, JobState
-from fusion.service.store.rows import add_event, stored
+from fusion.service.store.rows import add_event, progress_of, stored
 from fusion.service.store.schema import DEPENDENCY, JOB
 
 LOSSES = 3
@@ -87,11 +87,19 @@ def wait_again(connection: Connection, row: Any, now: float, wait_s: float = 0.0
         set_state(connection, row, JobState.WAITING, now, since=now, until=now + max(wait_s, 0.0))
 
 
+def _doing(row: Any) -> str:
+    """Return what the last worker was doing, as far as it reported that."""
+    progress = progress_of(row.progress)
+    parts = [part for part in (progress.stage, progress.task) if part]
+    counted = f", {progress.done} of {progress.total}" if progress.total else ""
+    return f", the last one on {': '.join(parts)}{counted}" if parts else ""
+
+
 def lose_worker(connection: Connection, row: Any, now: float) -> None:
     """Let the job of a lost worker wait again; it fails if that happens again and again."""
     losses = 1 if row.renewals >= STEADY_RENEWALS else row.losses + 1
     if losses >= LOSSES and not row.cancelling:
-        text = f"{losses} workers in sequence ended while they worked on it"
+        text = f"{losses} workers in sequence ended while they worked on it{_doing(row)}"
         error = JobError("workers-lost", text)
         end_job(connection, row, JobState.FAILED, now, error=error, losses=losses)
         return

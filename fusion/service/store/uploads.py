@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Connection, Row, func, select
+from sqlalchemy import Connection, Row, select
 
 from fusion.service.store.database import Database
 from fusion.service.store.errors import StoreError, StoreFault
@@ -42,20 +42,14 @@ class Uploads:
         with self._database.reading() as connection:
             return _upload(_row(connection, identity))
 
-    def open_ones(self, workspace: str) -> list[Upload]:
-        """Return the uploads of a workspace that are neither complete nor removed, oldest first."""
-        query = select(UPLOAD).where(UPLOAD.c.workspace == workspace, UPLOAD.c.state == _OPEN)
+    def kept(self, workspace: str) -> list[Upload]:
+        """Return the uploads of a workspace that take space: not the removed ones. Oldest first."""
+        query = select(UPLOAD).where(
+            UPLOAD.c.workspace == workspace, UPLOAD.c.state != UploadState.REMOVED.value
+        )
         with self._database.reading() as connection:
             rows = connection.execute(query.order_by(UPLOAD.c.created, UPLOAD.c.id))
             return [_upload(row) for row in rows]
-
-    def promised_bytes(self, workspace: str) -> int:
-        """Return the size of all that is being uploaded to a workspace, for its quota."""
-        query = select(func.sum(UPLOAD.c.size)).where(
-            UPLOAD.c.workspace == workspace, UPLOAD.c.state == _OPEN
-        )
-        with self._database.reading() as connection:
-            return int(connection.execute(query).scalar() or 0)
 
     def advance(self, identity: str, begin: int, end: int) -> Upload:
         """Record that the bytes from `begin` to `end` have been written.

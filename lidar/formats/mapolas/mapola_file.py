@@ -11,7 +11,7 @@ from spcola.formats.map_store import MapStore
 MAPOLAS_HDF5 = "mapolas.h5"
 """Name of the HDF5 file in a folder of mapolas."""
 
-_STORE = MapStore(
+MAPOLA_STORE = MapStore(
     kind="mapola",
     file=MAPOLAS_HDF5,
     form="spcola mapolas 2",
@@ -19,6 +19,7 @@ _STORE = MapStore(
     make=Mapola,
     mappings=("scan_share",),
 )
+"""Storage of mapolas in a folder."""
 
 
 def write_mapolas(folder: str | Path, mapolas: Iterable[Mapola]) -> list[str]:
@@ -41,7 +42,7 @@ def write_mapolas(folder: str | Path, mapolas: Iterable[Mapola]) -> list[str]:
     InvalidValueError
         If two mapolas have the same name, or a name is no file name.
     """
-    return _STORE.write(folder, mapolas)
+    return MAPOLA_STORE.write(folder, mapolas)
 
 
 def mapola_names(folder: str | Path) -> list[str]:
@@ -52,7 +53,7 @@ def mapola_names(folder: str | Path) -> list[str]:
     WorkspaceError, FormatError
         If there is no ``mapolas.h5``, or it is something else.
     """
-    return _STORE.names(folder)
+    return MAPOLA_STORE.names(folder)
 
 
 def read_mapola(folder: str | Path, name: str) -> Mapola:
@@ -65,4 +66,4 @@ def read_mapola(folder: str | Path, name: str) -> Mapola:
     FormatError
         If ``mapolas.h5`` is damaged or does not belong to ``NAME.MAP``.
     """
-    return _STORE.read(folder, name)
+    return MAPOLA_STORE.read(folder, name)

@@ -25,7 +25,7 @@ from spcola.formats.maplets.sigma import read_sigma, sigma_path, write_sigma
 from spcola.formats.text.source import KM, read_bytes
 from spcola.grids import Maplet
 
-_NODE = np.dtype([("height", ">i2"), ("albedo", "u1")])
+NODE = np.dtype([("height", ">i2"), ("albedo", "u1")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,28 +60,34 @@ def read_map(path: str | Path, *, name: str | None = None) -> MapFile:
     if len(content) < RECORD:
         raise FormatError(f"is truncated: {len(content)} bytes, the header has {RECORD}", path)
     record = np.frombuffer(content, HEADER, count=1)[0]
-    check_length(content, int(record["half_size"]), path)
+    check_length(len(content), int(record["half_size"]), path)
     grid = grid_of(record, path)
     header, center_sigma = header_of(record, path)
-    nodes = np.frombuffer(content, _NODE, count=grid.size**2, offset=RECORD)
-    missing = nodes["albedo"] == 0
-    counts = np.where(missing, np.nan, nodes["height"])
-    quantum = grid.gsd * float(record["hscale"])
-    albedo = np.where(missing, np.nan, nodes["albedo"] / 100.0)
+    nodes = np.frombuffer(content, NODE, count=grid.size**2, offset=RECORD)
     maplet = Maplet(
         Path(path).stem if name is None else name,
         grid,
-        (counts * quantum).reshape(grid.shape).T,
-        albedo.reshape(grid.shape).T,
+        heights_of(nodes, grid.gsd * float(record["hscale"])).reshape(grid.shape).T,
+        albedo_of(nodes).reshape(grid.shape).T,
         center_sigma=center_sigma,
     )
-    padding = content[RECORD + nodes.nbytes :]
+    padding, hidden = content[RECORD + nodes.nbytes :], nodes["albedo"] == 0
     kept = replace(
         header,
-        hidden_counts=nodes["height"].tobytes() if nodes["height"][missing].any() else b"",
+        hidden_counts=nodes["height"].tobytes() if nodes["height"][hidden].any() else b"",
         padding=padding if any(padding) else b"",
     )
     return MapFile(maplet, kept)
+
+
+def heights_of(nodes: AnyArray, quantum: float) -> FloatArray:
+    """Return the heights of grid points of a file, in units of `quantum`; NaN where missing."""
+    return np.where(nodes["albedo"] == 0, np.nan, nodes["height"]) * quantum
+
+
+def albedo_of(nodes: AnyArray) -> FloatArray:
+    """Return the albedo of grid points of a file; NaN where missing."""
+    return np.where(nodes["albedo"] == 0, np.nan, nodes["albedo"] / 100.0)
 
 
 def read_maplet(path: str | Path, *, name: str | None = None) -> Maplet:
@@ -165,7 +171,7 @@ def map_content(maplet: Maplet, header: MapHeader | None = None) -> bytes:
 def _nodes(counts: FloatArray, maplet: Maplet, header: MapHeader) -> AnyArray:
     """Return the grid points as the file stores them, from height counts in its order."""
     missing = np.isnan(counts)
-    nodes = np.zeros(len(counts), _NODE)
+    nodes = np.zeros(len(counts), NODE)
     hidden = np.frombuffer(header.hidden_counts, ">i2")
     nodes["height"] = np.where(
         missing, hidden if len(hidden) == len(counts) else 0, np.rint(np.nan_to_num(counts))

@@ -79,13 +79,13 @@ def map_length(half_size: int) -> int:
     return RECORD * (1 - (-3 * (2 * half_size + 1) ** 2 // RECORD))
 
 
-def check_length(content: bytes, half_size: int, path: str | Path) -> None:
+def check_length(length: int, half_size: int, path: str | Path) -> None:
     """Refuse a file whose length is not that of its q; detect a byte-swapped q."""
     place = f"{path}, bytes 11-12 (q)"
-    if len(content) == map_length(half_size) and half_size >= 1:
+    if length == map_length(half_size) and half_size >= 1:
         return
     swapped = int.from_bytes(half_size.to_bytes(2, "little"), "big")
-    if swapped >= 1 and len(content) == map_length(swapped):
+    if swapped >= 1 and length == map_length(swapped):
         raise FormatError(
             f"q is byte-swapped: it reads {half_size}, the other byte order gives {swapped}, "
             "which fits the file's length",
@@ -95,9 +95,9 @@ def check_length(content: bytes, half_size: int, path: str | Path) -> None:
     if half_size < 1:
         raise FormatError("q is 0: a maplet has at least 3 × 3 points", place)
     wanted = map_length(half_size)
-    problem = "is truncated" if len(content) < wanted else "is too long"
+    problem = "is truncated" if length < wanted else "is too long"
     raise FormatError(
-        f"q = {half_size} needs {wanted} bytes, the file has {len(content)}: it {problem}, "
+        f"q = {half_size} needs {wanted} bytes, the file has {length}: it {problem}, "
         "or q is mis-declared",
         place,
     )

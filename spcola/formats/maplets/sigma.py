@@ -11,6 +11,9 @@ from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import FormatError
 from spcola.formats.text.source import KM, read_bytes
 
+ORDERS = (">f4", "<f4")
+"""Byte orders of sigma companions, the usual one first."""
+
 
 def sigma_path(path: str | Path) -> Path:
     """Return the sigma companion's path: ``NAME.SIG`` next to ``NAME.MAP``."""
@@ -46,9 +49,9 @@ def read_sigma(path: str | Path, half_size: int) -> FloatArray:
         raise FormatError(
             f"has {len(content)} bytes, {4 * size**2} belong to q = {half_size}", path
         )
-    for order in (">f4", "<f4"):
+    for order in ORDERS:
         sigma_km = np.frombuffer(content, order)
-        if _is_sigma_km(sigma_km):
+        if is_sigma_km(sigma_km):
             return sigma_km.astype(np.float64).reshape(size, size).T * KM
     raise FormatError("holds values that are no sigma in kilometres", path, "check its byte order")
 
@@ -63,7 +66,7 @@ def sigma_content(sigma: FloatArray) -> bytes:
     return (np.asarray(sigma).T / KM).astype(">f4").tobytes()
 
 
-def _is_sigma_km(values: AnyArray) -> bool:
-    """Whether every value is NaN (unknown), 0, or between 1e-12 and 1e5 km."""
+def is_sigma_km(values: AnyArray) -> bool:
+    """Return whether every value is NaN (unknown), 0, or between 1e-12 and 1e5 km."""
     known = values[~np.isnan(values)].astype(np.float64)
     return bool(np.all((known == 0) | ((known >= 1e-12) & (known <= 1e5))))

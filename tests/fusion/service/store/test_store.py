@@ -72,16 +72,16 @@ def test_audit_log_and_uploads(store: Store) -> None:
     assert [one.target for one in rest] == ["job 2", "job 0"]
 
     new = store.uploads.add(Upload("", "w0", "ada", "a.laz", "scan", 10, "ab" * 32))
-    assert store.uploads.promised_bytes("w0") == 10
+    assert store.uploads.kept("w0") == [new]
     assert store.uploads.advance(new.id, 0, 6).offset == 6
     for begin, end in ((0, 6), (5, 10), (6, 11), (6, 5)):
         call = lambda begin=begin, end=end: store.uploads.advance(new.id, begin, end)  # noqa: E731
         assert fault(call)[0] == "wrong-offset"
     assert fault(lambda: store.uploads.end(new.id, UploadState.COMPLETE))[0] == "wrong-offset"
     store.uploads.advance(new.id, 6, 10)
-    assert store.uploads.open_ones("w0")[0].offset == 10
+    assert store.uploads.kept("w0")[0].offset == 10
     assert store.uploads.end(new.id, UploadState.COMPLETE) == store.uploads.get(new.id)
-    assert store.uploads.promised_bytes("w0") == 0
+    assert store.uploads.kept("w0") != []
     assert fault(lambda: store.uploads.advance(new.id, 10, 10))[0] == "wrong-offset"
     assert fault(lambda: store.uploads.get("x"))[0] == "unknown-upload"
 
@@ -147,7 +147,7 @@ def check_version_1(store: Store) -> None:
     assert len(store.events()) == 9
     assert store.tokens.check(SECRET_1).permits(Scope.RUN, "bennu")
     assert store.audit.entries()[-1].details == {"n": 1}
-    assert store.uploads.open_ones("bennu")[0].size == 10
+    assert store.uploads.kept("bennu")[0].size == 10
     job = store.claim("w", 60.0)
     assert job.request.parameters["solution"] == "a"
 

@@ -1,0 +1,176 @@
+"""Problem documents (RFC 9457): one table from exception to status and code."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import math
+from enum import StrEnum
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from fusion.runtime import json_value
+from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.records import request_id
+from fusion.service.store import StoreError, StoreFault
+from spcola.errors import (
+    FormatError,
+    FrameMismatchError,
+    InvalidValueError,
+    KernelError,
+    NotObservableError,
+    RejectedResultError,
+    SettingsError,
+    SpcolaError,
+    WorkspaceError,
+    printable,
+)
+
+MEDIA_TYPE = "application/problem+json"
+_LOG = logging.getLogger("spcola.service")
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+
+CODES: dict[StrEnum, HTTPStatus] = {
+    Refusal.UNAUTHENTICATED: HTTPStatus.UNAUTHORIZED,
+    Refusal.FORBIDDEN: HTTPStatus.FORBIDDEN,
+    Refusal.WRONG_HOST: HTTPStatus.MISDIRECTED_REQUEST,
+    Refusal.CROSS_SITE: HTTPStatus.FORBIDDEN,
+    Refusal.NOT_FOUND: HTTPStatus.NOT_FOUND,
+    Refusal.METHOD_NOT_ALLOWED: HTTPStatus.METHOD_NOT_ALLOWED,
+    Refusal.NOT_ACCEPTABLE: HTTPStatus.NOT_ACCEPTABLE,
+    Refusal.CONFLICT: HTTPStatus.CONFLICT,
+    Refusal.WRONG_OFFSET: HTTPStatus.CONFLICT,
+    Refusal.WRONG_CHECKSUM: HTTPStatus.UNPROCESSABLE_ENTITY,
+    Refusal.TOO_LARGE: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    Refusal.OVER_QUOTA: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    Refusal.UNSUPPORTED_MEDIA: HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+    Refusal.RANGE_NOT_SATISFIABLE: HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
+    Refusal.INVALID: HTTPStatus.UNPROCESSABLE_ENTITY,
+    Refusal.TOO_MANY: HTTPStatus.TOO_MANY_REQUESTS,
+    Refusal.DISK_FULL: HTTPStatus.INSUFFICIENT_STORAGE,
+    Refusal.UNAVAILABLE: HTTPStatus.SERVICE_UNAVAILABLE,
+    StoreFault.UNKNOWN_JOB: HTTPStatus.NOT_FOUND,
+    StoreFault.LEASE_LOST: HTTPStatus.CONFLICT,
+    StoreFault.KEY_REUSED: HTTPStatus.UNPROCESSABLE_ENTITY,
+    StoreFault.UNKNOWN_TOKEN: HTTPStatus.NOT_FOUND,
+    StoreFault.REFUSED_TOKEN: HTTPStatus.UNAUTHORIZED,
+    StoreFault.UNKNOWN_UPLOAD: HTTPStatus.NOT_FOUND,
+    StoreFault.WRONG_OFFSET: HTTPStatus.CONFLICT,
+    StoreFault.NEWER_STORE: HTTPStatus.SERVICE_UNAVAILABLE,
+    StoreFault.OLDER_STORE: HTTPStatus.SERVICE_UNAVAILABLE,
+    StoreFault.DAMAGED: HTTPStatus.SERVICE_UNAVAILABLE,
+    StoreFault.DISK_FULL: HTTPStatus.INSUFFICIENT_STORAGE,
+    StoreFault.BUSY: HTTPStatus.SERVICE_UNAVAILABLE,
+    StoreFault.UNAVAILABLE: HTTPStatus.SERVICE_UNAVAILABLE,
+}
+"""Status of each code of an error that has one."""
+
+TABLE: dict[type[Exception], tuple[HTTPStatus, str]] = {
+    FormatError: (HTTPStatus.UNPROCESSABLE_ENTITY, "format"),
+    SettingsError: (HTTPStatus.UNPROCESSABLE_ENTITY, "settings"),
+    FrameMismatchError: (HTTPStatus.UNPROCESSABLE_ENTITY, "frame-mismatch"),
+    InvalidValueError: (HTTPStatus.UNPROCESSABLE_ENTITY, "invalid-value"),
+    NotObservableError: (HTTPStatus.UNPROCESSABLE_ENTITY, "not-observable"),
+    KernelError: (HTTPStatus.UNPROCESSABLE_ENTITY, "kernels"),
+    RejectedResultError: (HTTPStatus.CONFLICT, "rejected-result"),
+    WorkspaceError: (HTTPStatus.CONFLICT, "workspace"),
+    SpcolaError: (HTTPStatus.UNPROCESSABLE_ENTITY, "error"),
+}
+"""Status and code of each error; the nearest class among an error's bases counts."""
+
+
+def status_and_code(error: Exception) -> tuple[HTTPStatus, str]:
+    """Return the status and the code of an error; 500 of one that no table names."""
+    if isinstance(error, RequestRefusedError | StoreError):
+        return CODES[error.code], error.code
+    if {getattr(each, "errno", None) for each in (error, error.__cause__)} & _FULL:
+        return HTTPStatus.INSUFFICIENT_STORAGE, Refusal.DISK_FULL
+    for kind in type(error).__mro__:
+        if kind in TABLE:
+            return TABLE[kind]
+    return HTTPStatus.INTERNAL_SERVER_ERROR, "internal"
+
+
+def problem_response(request: Request, error: Exception) -> Response:
+    """Return the problem document of an error.
+
+    Paths of the machine are cut from its texts. A 500 says only the request's number, under which
+    the log has the trace.
+    """
+    status, code = status_and_code(error)
+    content: dict[str, Any] = {"detail": "see the log of the service, under this request's number"}
+    if isinstance(error, SpcolaError):
+        content = {"detail": error.what, "where": error.where, "do": error.do}
+        if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            # Where the store lies is for the operator: the log has it.
+            _LOG.error("%s", error, extra={"request": request_id(request)})
+            del content["where"]
+    elif status is HTTPStatus.INSUFFICIENT_STORAGE:
+        content = {"detail": "no space is left on the disk", "do": "free some, and try again"}
+    if status is HTTPStatus.INTERNAL_SERVER_ERROR:
+        _LOG.error("unexpected error", exc_info=error, extra={"request": request_id(request)})
+    root = str(request.app.state.service.root)
+    texts = {key: _without_path(text, root) for key, text in content.items() if text is not None}
+    headers = {"WWW-Authenticate": "Bearer"} if status is HTTPStatus.UNAUTHORIZED else {}
+    wait = getattr(error, "retry_after_s", None) or (5.0 if status.value == 503 else None)
+    if wait is not None:
+        headers["Retry-After"] = str(max(1, math.ceil(wait)))
+    return problem_document(request, status, code, headers=headers, **texts)
+
+
+def problem_document(
+    request: Request,
+    status: HTTPStatus,
+    code: str,
+    *,
+    headers: dict[str, str] | None = None,
+    **content: Any,
+) -> Response:
+    """Return a problem document of a status, a code, and members such as `detail`."""
+    body = {
+        "type": f"urn:spcola:problem:{code}",
+        "title": status.phrase,
+        "status": int(status),
+        "code": code,
+        "instance": f"urn:spcola:request:{request_id(request)}",
+        **content,
+    }
+    return JSONResponse(json_value(body), int(status), headers, media_type=MEDIA_TYPE)
+
+
+def add_problem_handlers(app: FastAPI) -> None:
+    """Make every error of an application a problem document."""
+
+    async def known(request: Request, error: Exception) -> Response:
+        return problem_response(request, error)
+
+    async def invalid(request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        first = error.errors()[0] if error.errors() else {"loc": ("body",), "msg": "is not valid"}
+        where = ".".join(printable(str(part))[:60] for part in first["loc"])
+        refusal = RequestRefusedError(Refusal.INVALID, printable(str(first["msg"])), where)
+        return problem_response(request, refusal)
+
+    async def http(request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        status = HTTPStatus(error.status_code)
+        code = next((code for code, own in CODES.items() if own is status), Refusal.INVALID)
+        detail = printable(str(error.detail))
+        headers = dict(error.headers or {})
+        return problem_document(request, status, code, headers=headers, detail=detail)
+
+    app.add_exception_handler(SpcolaError, known)
+    app.add_exception_handler(OSError, known)
+    app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(HTTPException, http)
+
+
+def _without_path(text: str, root: str) -> str:
+    """Return a text in which files of the service are named from its folder on."""
+    return printable(text.replace(f"{root}/", "").replace(root, "the service's folder"))

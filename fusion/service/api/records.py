@@ -1,0 +1,89 @@
+"""What is recorded of every request: a number, a line in the log, and metrics."""
+
+from __future__ import annotations
+
+import logging
+import time
+import uuid
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+_LOG = logging.getLogger("spcola.service")
+
+
+class Metrics:
+    """The service's own counters, in a registry of their own."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self.requests = Counter(
+            "spcola_requests", "Requests.", ("method", "route", "status"), registry=self.registry
+        )
+        self.seconds = Histogram(
+            "spcola_request_seconds",
+            "Time until the whole answer was sent.",
+            ("method", "route"),
+            registry=self.registry,
+            buckets=(0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0),
+        )
+        self.upload_bytes = Counter(
+            "spcola_upload_bytes", "Bytes received in uploads.", registry=self.registry
+        )
+        self.streams = Gauge(
+            "spcola_event_streams", "Open streams of events.", registry=self.registry
+        )
+        self.jobs = Gauge("spcola_jobs", "Jobs by state.", ("state",), registry=self.registry)
+
+
+def request_id(request: Request) -> str:
+    """Return the number of a request, which its log line and its problem document have."""
+    return str(request.scope.get("state", {}).get("request_id", ""))
+
+
+class Recorded:
+    """Middleware that gives a request a number, and records it when it has been answered."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app = app
+        self.metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        number = uuid.uuid4().hex[:16]
+        scope.setdefault("state", {})["request_id"] = number
+        begun, status = time.monotonic(), 0
+
+        async def numbered(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)["X-Request-ID"] = number
+            await send(message)
+
+        try:
+            await self.app(scope, receive, numbered)
+        finally:
+            self._record(scope, status, time.monotonic() - begun)
+
+    def _record(self, scope: Scope, status: int, seconds: float) -> None:
+        # A path as it was asked for would make a series of its own of every file and job.
+        route = getattr(scope.get("route"), "path", "none")
+        self.metrics.requests.labels(scope["method"], route, str(status)).inc()
+        self.metrics.seconds.labels(scope["method"], route).observe(seconds)
+        caller = scope["state"].get("caller")
+        fields = {
+            "request": scope["state"]["request_id"],
+            "method": scope["method"],
+            "path": scope["path"],
+            "status": status,
+            "seconds": round(seconds, 4),
+            "user": getattr(caller, "name", ""),
+            "address": (scope.get("client") or ("",))[0],
+        }
+        _LOG.info("request", extra=fields)

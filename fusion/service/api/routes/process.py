@@ -1,0 +1,48 @@
+"""Routes of the process itself: whether it lives, whether it can work, and its counters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+import spcola
+from fusion.service.api.access import KNOWN, PUBLIC, READ_ALL, Routes
+from fusion.service.api.answers import json_answer
+from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.service import service_of
+
+routes = Routes("", "process")
+
+
+@routes.add("GET", "/health", PUBLIC)
+def health() -> Response:
+    """Say that the process lives."""
+    return JSONResponse({"status": "ok", "version": spcola.__version__})
+
+
+@routes.add("GET", "/ready", PUBLIC)
+def ready(request: Request) -> Response:
+    """Say whether the service can work: its store and its folder answer."""
+    if obstacle := service_of(request).ready():
+        raise RequestRefusedError(
+            Refusal.UNAVAILABLE, f"not ready ({obstacle})", do="try again", retry_after_s=5.0
+        )
+    return JSONResponse({"status": "ready"})
+
+
+@routes.add("GET", "/metrics", READ_ALL)
+def metrics(request: Request) -> Response:
+    """Return counters of the service, as Prometheus reads them."""
+    service = service_of(request)
+    service.count_jobs()
+    return Response(generate_latest(service.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+
+
+@routes.add("GET", "/api/v1/openapi.json", KNOWN)
+def openapi(request: Request) -> Response:
+    """Return the description of this interface."""
+    described: dict[str, Any] = request.app.openapi()
+    return json_answer(request, described)

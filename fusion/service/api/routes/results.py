@@ -1,0 +1,148 @@
+"""Routes of results: JSON, tables, the body's shape, solutions, runs and provenance."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from fusion.service.api.access import READ, Routes
+from fusion.service.api.answers import accepted, json_answer, tagged
+from fusion.service.api.service import opened_for, service_of
+from fusion.service.views.body import mesh_bytes, shape_mesh, vertex_layer
+from fusion.service.views.history import (
+    provenance,
+    run_list,
+    run_record,
+    runs_compared,
+    solution_tree,
+    solutions_compared,
+)
+from fusion.service.views.results import epsilon_table, residuals, result_json
+from fusion.service.views.tables import TableFormat, read_table, table_names
+
+routes = Routes("/api/v1/workspaces/{workspace}", "results")
+_BYTES = "application/octet-stream"
+_TABLE: dict[int, Any] = {200: {"content": {form.value: {} for form in TableFormat}}}
+
+Solution = Annotated[str, Query(max_length=100, description="By default the one in use.")]
+Facets = Annotated[int | None, Query(ge=100, le=1 << 24, description="At most about so many.")]
+
+
+@routes.add("GET", "/results/{name}", READ)
+def result(request: Request, workspace: str, name: str, solution: Solution = "") -> Response:
+    """Return a result: registration, scale or manifest, as its file has it."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, result_json(opened, name))
+
+
+@routes.add("GET", "/products", READ)
+def products(request: Request, workspace: str, solution: Solution = "") -> Response:
+    """Return the manifest of the release: its products, with their files."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, result_json(opened, "manifest"))
+
+
+@routes.add("GET", "/tables", READ)
+def tables(request: Request, workspace: str, solution: Solution = "") -> Response:
+    """List the tables of a workspace."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, {"tables": table_names(opened)})
+
+
+@routes.add("GET", "/tables/{name}", READ, responses=_TABLE)
+def table(request: Request, workspace: str, name: str, solution: Solution = "") -> Response:
+    """Return a table in the form that Accept names: JSON, CSV, an Arrow stream or Parquet."""
+    form = TableFormat(accepted(request, [form.value for form in TableFormat]))
+    with opened_for(request, workspace, solution) as opened:
+        return tagged(request, read_table(opened, name).as_bytes(form), form.value)
+
+
+@routes.add("GET", "/registration/residuals", READ)
+def registration_residuals(request: Request, workspace: str, solution: Solution = "") -> Response:
+    """Return the matches of the registration with their residuals, rejected ones marked."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, residuals(opened))
+
+
+@routes.add("GET", "/scale/epsilon", READ)
+def scale_epsilon(request: Request, workspace: str, solution: Solution = "") -> Response:
+    """Return epsilon with its sigma per day, by local time and by longitude."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, epsilon_table(opened))
+
+
+@routes.add("GET", "/solutions", READ)
+def solutions(request: Request, workspace: str) -> Response:
+    """Return the solutions, each with its parent, and which one is in use."""
+    with opened_for(request, workspace) as opened:
+        return json_answer(request, solution_tree(opened))
+
+
+@routes.add("GET", "/solutions/{first}/diff/{second}", READ)
+def difference(request: Request, workspace: str, first: str, second: str) -> Response:
+    """Return how the second solution differs from the first."""
+    with opened_for(request, workspace) as opened:
+        return json_answer(request, solutions_compared(opened, first, second))
+
+
+@routes.add("GET", "/runs", READ)
+def runs(request: Request, workspace: str) -> Response:
+    """List the last run of each stage in each solution, the newest first."""
+    with opened_for(request, workspace) as opened:
+        return json_answer(request, {"runs": run_list(opened)})
+
+
+@routes.add("GET", "/runs/{run}", READ)
+def one_run(request: Request, workspace: str, run: str) -> Response:
+    """Return a run with its settings, summary, and digests of inputs and outputs."""
+    with opened_for(request, workspace) as opened:
+        return json_answer(request, run_record(opened, run))
+
+
+@routes.add("GET", "/runs/{first}/diff/{second}", READ)
+def run_difference(request: Request, workspace: str, first: str, second: str) -> Response:
+    """Return what differs between two runs."""
+    with opened_for(request, workspace) as opened:
+        records = [run_record(opened, name) for name in (first, second)]
+    return json_answer(request, runs_compared(*records))
+
+
+@routes.add("GET", "/provenance", READ)
+def made_from(
+    request: Request,
+    workspace: str,
+    product: Annotated[str, Query(max_length=1000, examples=["release/manifest.json"])],
+    solution: Solution = "",
+) -> Response:
+    """Return what a file was made from, back to the imported files."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, provenance(opened, product))
+
+
+@routes.add("GET", "/shape", READ, responses={200: {"content": {_BYTES: {}}}})
+def shape(
+    request: Request, workspace: str, facets: Facets = None, solution: Solution = ""
+) -> Response:
+    """Return the shape: length of a JSON header (uint32), header, vertices float32, faces uint32.
+
+    All little-endian; vertices in metres from the header's `center_m`.
+    """
+    cache = service_of(request).cache
+    with opened_for(request, workspace, solution) as opened:
+        body = mesh_bytes(shape_mesh(opened, facets, cache=cache))
+    return tagged(request, body, _BYTES)
+
+
+@routes.add("GET", "/shape/layers/{layer}", READ, responses={200: {"content": {_BYTES: {}}}})
+def shape_layer(
+    request: Request, workspace: str, layer: str, facets: Facets = None, solution: Solution = ""
+) -> Response:
+    """Return a layer on the vertices of the shape: float32, little-endian, NaN where unknown."""
+    cache = service_of(request).cache
+    with opened_for(request, workspace, solution) as opened:
+        values: Any = vertex_layer(opened, layer, facets, cache=cache)
+    return tagged(request, np.ascontiguousarray(values, dtype="<f4").tobytes(), _BYTES)

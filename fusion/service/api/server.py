@@ -1,0 +1,102 @@
+"""The server process: a socket, the application, and an orderly end."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Callable
+
+import uvicorn
+
+from fusion.service.api.app import create_app
+from fusion.service.api.guard import Entrance
+from fusion.service.api.service import Service
+from spcola.errors import SpcolaError
+
+_GRACE_S = 10
+_IDLE_S = 65
+_BACKLOG = 2048
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """Return a socket that listens on an address; port 0 takes a free one.
+
+    Raises
+    ------
+    SpcolaError
+        If the address is not this machine's, or in use.
+    """
+    where = f"{host}:{port}"
+    try:
+        kind, _, _, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        opened = socket.socket(kind, socket.SOCK_STREAM)
+    except OSError as error:
+        raise SpcolaError(f"is no address ({error.strerror})", where, "check --host") from error
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind(address)
+        opened.listen(_BACKLOG)
+    except OSError as error:
+        opened.close()
+        do = "choose another --port, or stop what uses it"
+        raise SpcolaError(f"cannot be used ({error.strerror})", where, do) from error
+    return opened
+
+
+class _Server(uvicorn.Server):
+    """Ends the streams of events before it waits for the connections to close."""
+
+    def __init__(self, config: uvicorn.Config, service: Service, started: Callable[[], None]):
+        super().__init__(config)
+        self._service = service
+        self._started = started
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self._started()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        await self._service.feed.close()
+        await super().shutdown(sockets)
+
+
+def run_server(
+    service: Service,
+    entrance: Entrance,
+    opened: socket.socket,
+    *,
+    started: Callable[[], None] = lambda: None,
+) -> None:
+    """Answer requests until SIGTERM or Ctrl-C; what is being answered then is finished.
+
+    Parameters
+    ----------
+    service : Service
+    entrance : Entrance
+    opened : socket
+        From :func:`listening`.
+    started : callable
+        Called when requests are answered.
+    """
+    config = uvicorn.Config(
+        create_app(service, entrance),
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        # Behind a proxy on this machine, address and scheme of a request are what it says.
+        proxy_headers=entrance.behind_proxy,
+        forwarded_allow_ips="127.0.0.1,::1",
+        timeout_keep_alive=_IDLE_S,
+        timeout_graceful_shutdown=_GRACE_S,
+        lifespan="on",
+        ws="none",
+    )
+    # uvicorn raises a signal again when it has ended: by then the work is not done.
+    former = [signal.signal(one, lambda *_: None) for one in (signal.SIGTERM, signal.SIGINT)]
+    try:
+        _Server(config, service, started).run([opened])
+    finally:
+        signal.signal(signal.SIGTERM, former[0])
+        signal.signal(signal.SIGINT, former[1])

@@ -1,0 +1,222 @@
+"""What the routes of the service work on: a folder, its store, and limits."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from starlette.requests import Request
+
+from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.events import EventFeed
+from fusion.service.api.records import Metrics
+from fusion.service.store import Store, Token
+from fusion.service.views.surfaces import LayerCache
+from fusion.workspace import SETTINGS_FILE, Workspace
+from spcola.errors import SpcolaError, WorkspaceError
+
+NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+"""What the name of a workspace looks like."""
+STATE_FOLDER = ".service"
+_REMEMBERED_S = 2.0
+_MOST_TOKENS = 1000
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one user or request may take.
+
+    Parameters
+    ----------
+    body_bytes : int
+        Of a request that is no upload.
+    upload_bytes : int
+        Of one uploaded file.
+    uploads : int
+        Uploads of a workspace that are not imported yet.
+    quota_bytes : int
+        All of these together.
+    requests_per_s, request_burst : float, int
+        Of a token or an address, in the long run and at once.
+    failures_per_s, failure_burst : float, int
+        Wrong tokens from an address.
+    streams : int
+        Streams of events that are open at once.
+    heartbeat_s : float
+        How often a stream without events shows that it lives.
+    window_pixels : int
+        Of a window of a surface.
+    """
+
+    body_bytes: int = 1 << 20
+    upload_bytes: int = 1 << 38
+    uploads: int = 10_000
+    quota_bytes: int = 1 << 40
+    requests_per_s: float = 200.0
+    request_burst: int = 1000
+    failures_per_s: float = 0.2
+    failure_burst: int = 10
+    streams: int = 200
+    heartbeat_s: float = 15.0
+    window_pixels: int = 1 << 22
+
+
+@dataclass
+class Service:
+    """A folder of workspaces as it is served.
+
+    Parameters
+    ----------
+    root : Path
+        A workspace, or a folder whose sub-folders are workspaces.
+    store : Store
+        Jobs, events, tokens, uploads and the audit log.
+    limits : Limits
+    """
+
+    root: Path
+    store: Store
+    limits: Limits = field(default_factory=Limits)
+    metrics: Metrics = field(default_factory=Metrics)
+
+    def __post_init__(self) -> None:
+        self.root = self.root.resolve()
+        self.feed = EventFeed(self.store)
+        self.cache = LayerCache()
+        self.streams = 0
+        self._receiving: set[str] = set()
+        self._lock = threading.Lock()
+        self._tokens: dict[str, tuple[float, Token]] = {}
+
+    @property
+    def uploads(self) -> Path:
+        """The folder of uploads."""
+        return self.root / STATE_FOLDER / "uploads"
+
+    @property
+    def is_single(self) -> bool:
+        """Whether the folder itself is the only workspace."""
+        return (self.root / SETTINGS_FILE).is_file()
+
+    def names(self) -> list[str]:
+        """Return the names of all workspaces, sorted."""
+        if self.is_single:
+            return [self.root.name]
+        folders = (path.parent for path in self.root.glob(f"*/{SETTINGS_FILE}"))
+        return sorted(path.name for path in folders if re.fullmatch(NAME, path.name))
+
+    def folder(self, name: str) -> Path:
+        """Return the folder of a workspace.
+
+        Raises
+        ------
+        RequestRefusedError
+            If there is none of this name.
+        """
+        if self.is_single:
+            folder = self.root if name == self.root.name else None
+        else:
+            folder = self.root / name if re.fullmatch(NAME, name) else None
+        if folder is None or not (folder / SETTINGS_FILE).is_file():
+            raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such workspace", name)
+        return folder
+
+    def place(self, name: str) -> Path:
+        """Return where a workspace lies or may be made; raises RequestRefusedError if nowhere."""
+        if self.is_single or not re.fullmatch(NAME, name):
+            return self.folder(name)
+        return self.root / name
+
+    def workspace(self, name: str, solution: str = "") -> Workspace:
+        """Open a workspace; raises RequestRefusedError if there is none of this name."""
+        return Workspace.open(self.folder(name), solution)
+
+    def token(self, secret: str) -> Token:
+        """Return the token of a secret; what the store says is remembered for two seconds.
+
+        Raises
+        ------
+        StoreError
+            If it is unknown, revoked or expired.
+        """
+        now = time.monotonic()
+        since, token = self._tokens.get(secret, (-math.inf, None))
+        if token is not None and now - since < _REMEMBERED_S:
+            return token
+        token = self.store.tokens.check(secret)
+        if len(self._tokens) >= _MOST_TOKENS:
+            self._tokens.clear()
+        self._tokens[secret] = (now, token)
+        return token
+
+    def forget_tokens(self) -> None:
+        """Ask the store again about every token: one was revoked."""
+        self._tokens.clear()
+
+    @contextmanager
+    def streaming(self) -> Iterator[None]:
+        """Count an open stream of events meanwhile."""
+        self.streams += 1
+        self.metrics.streams.set(self.streams)
+        try:
+            yield
+        finally:
+            self.streams -= 1
+            self.metrics.streams.set(self.streams)
+
+    @contextmanager
+    def receiving(self, upload: str) -> Iterator[None]:
+        """Let one request at a time work on an upload; raises RequestRefusedError."""
+        with self._lock:
+            if upload in self._receiving:
+                what = "another request works on this upload"
+                raise RequestRefusedError(Refusal.CONFLICT, what, upload, "wait for it")
+            self._receiving.add(upload)
+        try:
+            yield
+        finally:
+            self._receiving.discard(upload)
+
+    def count_jobs(self) -> None:
+        """Count the jobs of each state for the metrics."""
+        for state, count in self.store.counts().items():
+            self.metrics.jobs.labels(state.value).set(count)
+
+    def ready(self) -> str:
+        """Return why the service cannot work; empty if it can."""
+        try:
+            self.store.jobs(limit=1)
+            self.names()
+        except (SpcolaError, OSError) as error:
+            return type(error).__name__
+        return ""
+
+
+def service_of(request: Request) -> Service:
+    """Return the service that a request asks."""
+    service = request.app.state.service
+    assert isinstance(service, Service)
+    return service
+
+
+@contextmanager
+def opened_for(request: Request, name: str, solution: str = "") -> Iterator[Workspace]:
+    """Open a workspace to read from it; what is not there is answered with 404.
+
+    Raises
+    ------
+    RequestRefusedError
+        If there is no such workspace or solution, or no such thing in it.
+    """
+    try:
+        yield service_of(request).workspace(name, solution)
+    except WorkspaceError as error:
+        if error.__cause__ is not None:
+            raise
+        raise RequestRefusedError(Refusal.NOT_FOUND, error.what, error.where, error.do) from error

@@ -1,0 +1,61 @@
+"""The described interface is what answers, and no input of its kinds makes it fail."""
+
+from __future__ import annotations
+
+import pytest
+from asgi_client import AsgiClient
+from hypothesis import HealthCheck, Phase, given, settings
+
+from fusion.service.api.access import rules_of
+
+schemathesis = pytest.importorskip("schemathesis")
+EXAMPLES = 3
+"""Inputs for each operation; ``scripts/test`` has no time for more."""
+
+
+def test_the_description_is_whole(client: AsgiClient) -> None:
+    described = client.get("/api/v1/openapi.json").json()
+    operations = {
+        (method.upper(), path): content
+        for path, methods in described["paths"].items()
+        for method, content in methods.items()
+    }
+    unseen = {"/", "/static/{path:path}"}
+    known = {(m, p.replace(":path", "")) for m, p in rules_of(client.app) if p not in unseen}
+    assert operations.keys() == known
+    assert all(content["description"] for content in operations.values())
+    bodies = [name for name in described["components"]["schemas"] if name.endswith("Request")]
+    assert bodies
+    for name in bodies:
+        assert described["components"]["schemas"][name]["examples"], name
+
+
+def test_no_input_of_the_described_kinds_fails(client: AsgiClient) -> None:
+    schema = schemathesis.openapi.from_dict(client.get("/api/v1/openapi.json").json())
+    tried = 0
+    for found in schema.get_all_operations():
+        operation = found.ok()
+        if operation.path.endswith("/events"):
+            continue
+
+        @settings(
+            max_examples=EXAMPLES,
+            deadline=None,
+            database=None,
+            phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck),
+        )
+        @given(case=operation.as_strategy())
+        def ask(case: schemathesis.Case) -> None:
+            nonlocal tried
+            tried += 1
+            # Of the transport of requests; httpx has the same names.
+            asked = case.as_transport_kwargs(base_url="http://localhost")
+            known = {"method", "url", "headers", "params", "json", "content"}
+            asked["content"] = asked.pop("data", None)
+            answer = client.request(**{key: asked[key] for key in known & asked.keys()})
+            assert answer.status_code < 500, (case, answer.text)
+
+        ask()
+    # The number of inputs that were tried.
+    assert tried > 100

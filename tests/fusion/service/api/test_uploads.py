@@ -1,0 +1,96 @@
+"""Uploads in parts: resumed, checked, kept to their folder, limited."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+from asgi_client import AsgiClient
+
+from fusion.service.api import Service
+from fusion.service.api.errors import RequestRefusedError
+from fusion.service.api.upload_file import clean_name
+
+CONTENT = bytes(range(256)) * 20
+PART = {"Content-Type": "application/offset+octet-stream"}
+PLACE = "/api/v1/workspaces/ball/uploads"
+
+
+def begun(client: AsgiClient, content: bytes = CONTENT, **changed: object) -> str:
+    digest = hashlib.sha256(content).hexdigest()
+    asked = {"name": "scan.h5", "size": len(content), "sha256": digest, "kind": "scan"}
+    answer = client.post(PLACE, json=asked | changed)
+    assert answer.status_code == 201, answer.text
+    assert answer.headers["upload-offset"] == "0"
+    return answer.headers["location"]
+
+
+def send(client: AsgiClient, place: str, offset: int, content: bytes) -> int:
+    headers = {**PART, "Upload-Offset": str(offset)}
+    return client.patch(place, content=content, headers=headers).status_code
+
+
+def test_an_upload_is_resumed_and_completed(service: Service, client: AsgiClient) -> None:
+    place = begun(client, name="../../etc/.odd näme.h5")
+    assert send(client, place, 0, CONTENT[:1000]) == 204
+    assert client.post(f"{place}/complete").json()["code"] == "wrong-offset"
+    # The client lost the answer and sends the part again: the offset is what the service has.
+    assert send(client, place, 0, CONTENT[:1000]) == 409
+    there = int(client.head(place).headers["upload-offset"])
+    assert there == 1000
+    # What a killed server wrote but did not note is written again.
+    folder = service.uploads / place.rpartition("/")[2]
+    with (folder / "part").open("ab") as part:
+        part.write(b"not noted")
+    assert send(client, place, there, CONTENT[there:]) == 204
+    done = client.post(f"{place}/complete").json()
+    assert (done["state"], done["name"]) == ("complete", "odd_n_me.h5")
+    assert (folder / "file" / done["name"]).read_bytes() == CONTENT
+    assert client.post(f"{place}/complete").json()["state"] == "complete"
+    assert send(client, place, len(CONTENT), b"more") == 409
+    assert client.delete(place).status_code == 204
+    assert not folder.exists()
+
+
+def test_a_wrong_checksum_is_refused_and_nothing_is_kept(
+    service: Service, client: AsgiClient
+) -> None:
+    place = begun(client)
+    assert send(client, place, 0, CONTENT[:-1] + b"!") == 204
+    refused = client.post(f"{place}/complete")
+    assert (refused.status_code, refused.json()["code"]) == (422, "wrong-checksum")
+    assert client.head(place).status_code == 404
+    assert not list(service.uploads.iterdir())
+
+
+def test_uploads_have_limits_and_belong_to_one_workspace(client: AsgiClient) -> None:
+    place = begun(client)
+    assert send(client, place, 0, CONTENT + b"!") == 413
+    assert client.patch(place, content=b"x", headers={"Upload-Offset": "0"}).status_code == 415
+    assert client.head(place.replace("/ball/", "/other/")).status_code == 404
+    asked = {"name": "a", "size": 10_001, "sha256": "0" * 64, "kind": "scan"}
+    assert client.post(PLACE, json=asked).json()["code"] == "too-large"
+    begun(client)
+    begun(client)
+    assert client.post(PLACE, json=asked | {"size": 1}).json()["code"] == "over-quota"
+    assert len(client.get(PLACE).json()["uploads"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ("scan.h5", "scan.h5"),
+        ("..\\..\\boot.ini", "boot.ini"),
+        (".hidden", "hidden"),
+        ("a\0b\n.h5", "a_b_.h5"),
+        ("-rf.DAT", "rf.DAT"),
+        ("x" * 300 + ".MAP", "x" * 112 + ".MAP"),
+    ],
+)
+def test_names_are_cleaned(given: str, name: str) -> None:
+    assert clean_name(given) == name
+
+
+def test_a_name_of_nothing_is_refused() -> None:
+    with pytest.raises(RequestRefusedError):
+        clean_name("../..")

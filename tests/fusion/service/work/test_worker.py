@@ -1,0 +1,252 @@
+"""Jobs do what commands do, and go on where a worker was stopped."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import resource
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import called
+from damage import TINY, files_in
+from served import MAPLETS, OPTIONS, Service
+
+import fusion.runtime.cluster
+from fusion.runtime.processes import ProcessLimits
+from fusion.service.jobs import Job, JobKind, JobRequest, JobState
+from fusion.service.work import Supervisor, worker_command
+from fusion.truth import make_mission
+
+Items = Callable[[], dict[str, int]]
+
+
+def check_same(service: Service, job: Job, by_command: tuple[Path, dict]) -> None:
+    """Assert that a job made the files of the command, and has its output as result."""
+    done = service.store.job(job.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert files_in(service.workspace) == files_in(by_command[0])
+    made = json.loads(json.dumps(done.result["stages"][0]))
+    assert made["summary"] == by_command[1]["summary"]
+
+
+@contextmanager
+def as_soon_as(ready: Callable[[], object], act: Callable[[], object]) -> Iterator[None]:
+    """Act from a thread once something is there."""
+
+    def watch() -> None:
+        wait_for(ready)
+        act()
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    yield
+    thread.join()
+
+
+def wait_for(ready: Callable[[], object], seconds: float = 60.0) -> None:
+    until = time.monotonic() + seconds
+    while not ready():
+        assert time.monotonic() < until
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("how", ["cancelled", "drained"])
+def test_a_stopped_job_keeps_its_items_and_goes_on_there(
+    service: Service, items: Items, by_command: tuple[Path, dict], how: str
+) -> None:
+    job = service.submit(stages=["mapolas"])
+
+    def stop() -> None:
+        if how == "drained":
+            os.kill(os.getpid(), signal.SIGTERM)
+        else:
+            service.store.cancel(job.id)
+
+    with as_soon_as(items, stop):
+        service.work(threads=1)
+    found = service.store.job(job.id)
+    assert found.state is (JobState.CANCELLED if how == "cancelled" else JobState.WAITING)
+    kept = items()
+    assert 0 < len(kept) < MAPLETS
+    if how == "cancelled":
+        return
+    service.work()
+    check_same(service, job, by_command)
+    assert {name: items()[name] for name in kept} == kept
+
+
+def test_a_worker_that_is_killed_costs_its_items_and_no_more(
+    service: Service,
+    items: Items,
+    by_command: tuple[Path, dict],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job = service.submit(stages=["mapolas"])
+    store = str(service.folder / ".service" / "store.sqlite")
+    # Where users give a URL with a password.
+    monkeypatch.setenv("SPCOLA_STORE", store)
+    command = worker_command(service.folder, store, OPTIONS)
+    assert store not in command[-1]
+    supervisor = Supervisor(command, 1, lost=service.store.lost)
+    supervisor.start()
+    wait_for(items)
+    (first,) = supervisor.workers.values()
+    os.kill(first, signal.SIGKILL)
+    kept = items()
+    wait_for(lambda: service.store.job(job.id).state.ended)
+    (second,) = supervisor.workers.values()
+    supervisor.stop()
+    assert second != first
+    assert service.store.job(job.id).tries == 2
+    check_same(service, job, by_command)
+    # At most the one item of each child was made again.
+    assert {name: items().get(name) for name in kept} == kept
+    logs = list((service.folder / ".service" / "logs").glob("*.jsonl"))
+    lines = [json.loads(line) for path in logs for line in path.read_text().splitlines()]
+    assert {line["event"] for line in lines} >= {"worker begins", "job begins", "job ends"}
+    ends = [line for line in lines if line["event"] == "job ends"]
+    assert [(line["job"], line["outcome"]) for line in ends] == [(job.id, "finished")]
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let no file of this process and its children grow beyond a size: a full disk without one."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_is_waited_for(service: Service) -> None:
+    # 3.6 MB of numbers that cannot be compressed.
+    points = np.random.default_rng(3).normal([60.0, 0.0, 0.0], 1.0, (150_000, 3))
+    lines = ["x,y,z", *(",".join(map(repr, map(float, point))) for point in points)]
+    upload = service.upload("big.csv", "\n".join(lines).encode())
+    columns = {name: f"{name} [m]" for name in "xyz"}
+    job = service.submit(JobKind.IMPORT, uploads=[upload], columns=columns)
+    with largest_file(1_000_000):
+        service.work(disk_wait_s=0.3)
+    assert service.store.job(job.id).state is JobState.WAITING
+    assert [note.get("code") for note in service.notes(job)] == ["disk-full"]
+    assert not (service.workspace / "scans" / "big.h5").exists()
+    time.sleep(0.4)
+    service.work()
+    done = service.store.job(job.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert done.result["scans"][0]["returns"] == 150_000
+    # No path of the machine.
+    assert done.result["scans"][0]["file"].startswith(".service/uploads/")
+
+
+def test_a_lost_scheduler_and_another_program_are_waited_for(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 1)
+    job = service.submit(stages=["mapolas"])
+    service.work(cluster="tcp://127.0.0.1:1", cluster_wait_s=0.1)
+    time.sleep(0.2)
+    with (service.workspace / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        service.work()
+    assert service.store.job(job.id).state is JobState.WAITING
+    codes = [note["code"] for note in service.notes(job) if "code" in note]
+    assert codes == ["cluster-lost", "busy"]
+
+
+def test_an_upload_that_takes_too_long_is_named(service: Service) -> None:
+    upload = service.upload("slow.csv", b"x,y,z\n" + b"1.25,2.5,3.125\n" * 6_000_000)
+    columns = {name: f"{name} [m]" for name in "xyz"}
+    job = service.submit(JobKind.IMPORT, uploads=[upload], columns=columns)
+    service.work(limits=ProcessLimits(4096, 1.0), tries=1)
+    error = service.store.job(job.id).error
+    assert error is not None
+    assert (error.code, error.item) == ("poisonous-item", "slow.csv")
+    assert "it took more than 1 s" in error.text
+
+
+@pytest.mark.parametrize(
+    ("parameters", "code", "text"),
+    [
+        ({"stages": ["none"]}, "workspace", "there is no stage 'none'; use ingest, mapolas"),
+        ({"stagse": []}, "invalid-value", "run: stagse"),
+        ({"only": ["AA0001"]}, "invalid-value", "names items of one stage"),
+        ({"settings": {"mapolas": {"gsd_m": -1}}}, "settings", "gsd_m"),
+        ({"settings": {"register": {"apply": "/etc/x"}}}, "settings", "out of the workspace"),
+        ({"settings": {"spice": {"kernels": ["../../x"]}}}, "settings", "out of the workspace"),
+        ({"solution": "../../other"}, "workspace", ""),
+    ],
+)
+def test_what_a_user_may_not_ask_fails_in_one_line(
+    service: Service, parameters: dict, code: str, text: str
+) -> None:
+    job = service.submit(JobKind.RUN, **parameters)
+    service.work()
+    error = service.store.job(job.id).error
+    assert error is not None
+    assert error.code == code
+    assert text in error.text
+    assert str(service.folder) not in error.text
+
+
+def test_nothing_is_read_outside_the_workspace_of_a_job(service: Service, tmp_path: Path) -> None:
+    other = service.upload("other.csv", b"x\n", workspace="other")
+    linked = service.upload("link.csv", b"x\n")
+    path = service.folder / ".service" / "uploads" / linked / "file" / "link.csv"
+    path.unlink()
+    path.symlink_to("/etc/passwd")
+    (service.folder / "out").symlink_to(tmp_path)
+    jobs = [service.submit(JobKind.IMPORT, uploads=[one]) for one in (other, linked)]
+    for name in ("out", "..", ".service", "ball/scans"):
+        jobs.append(service.store.submit(JobRequest(JobKind.RUN, name, "ann")))
+    service.work()
+    for job in jobs:
+        error = service.store.job(job.id).error
+        assert error is not None
+        assert "no complete upload" in error.text or "no such workspace" in error.text
+
+
+def test_a_workspace_is_made_from_uploads(service: Service) -> None:
+    solution = sorted((service.workspace / "MAPFILES").glob("AA000[0-2].MAP"))
+    uploads = [service.upload(path.name, path.read_bytes(), "new") for path in solution]
+    given = {"body": "Ball", "uploads": uploads}
+    made = service.store.submit(JobRequest(JobKind.INIT, "new", "ann", given))
+    bad = service.upload("AA0009.MAP", b"no maplet", "new")
+    given = {"uploads": [bad]}
+    refused = service.store.submit(JobRequest(JobKind.INIT, "new", "ann", given, after=(made.id,)))
+    service.work()
+    assert service.store.job(made.id).result["maplets"] == 3
+    error = service.store.job(refused.id).error
+    assert error is not None
+    assert error.code == "format"
+    there = sorted((service.folder / "new" / "MAPFILES").iterdir())
+    assert [path.read_bytes() for path in there] == [path.read_bytes() for path in solution]
+
+
+@pytest.mark.slow
+def test_a_whole_run_is_that_of_the_command_to_the_bit(service: Service, tmp_path: Path) -> None:
+    mission = tmp_path / "mission"
+    make_mission(mission, settings=TINY)
+    shutil.rmtree(service.workspace)
+    for root in (tmp_path / "ball", service.workspace):
+        called("init", root, "--spc", mission / "spc", "--body", "Truth")
+        called("import", root, *sorted((mission / "lidar").iterdir()))
+    printed = called("run", tmp_path / "ball")
+    job = service.submit()
+    service.work()
+    done = service.store.job(job.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert [one["state"] for one in done.result["stages"]] == [
+        one["state"] for one in printed["stages"]
+    ]
+    assert files_in(tmp_path / "ball") == files_in(service.workspace)
