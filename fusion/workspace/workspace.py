@@ -354,11 +354,11 @@ class Workspace:
         atomic.write_text(path, json_text(content))
         return path
 
-    def find_json(self, name: str | Path) -> dict[str, Any] | None:
+    def find_json(self, name: str) -> dict[str, Any] | None:
         """Read the file `name` as :meth:`read_json` does; None if it is not there."""
         return self.read_json(name) if (self.home / name).is_file() else None
 
-    def read_json(self, name: str | Path) -> dict[str, Any]:
+    def read_json(self, name: str) -> dict[str, Any]:
         """Read the file `name`; null becomes None.
 
         Raises

@@ -137,7 +137,7 @@ def _pair(workspace: Workspace, name: str) -> dict[str, Any]:
 
 def _pair_facts(workspace: Workspace) -> dict[str, dict[str, Any]]:
     """Return what scale.json has on each pair, by image."""
-    content = workspace.find_json(workspace.scale_path) or {}
+    content = workspace.find_json(workspace.scale_path.name) or {}
     return {str(entry.get("image")): entry for entry in content.get("per_pair") or []}
 
 

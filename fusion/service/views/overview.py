@@ -44,7 +44,7 @@ def overview(workspace: Workspace) -> dict[str, Any]:
     """
     records = read_records(workspace)
     paths = {"registration": workspace.registration_path, "scale": workspace.scale_path}
-    found = {name: workspace.find_json(path) for name, path in paths.items()}
+    found = {name: workspace.find_json(path.name) for name, path in paths.items()}
     return {
         "name": workspace.root.resolve().name,
         **describe_workspace(workspace),

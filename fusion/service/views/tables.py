@@ -61,7 +61,7 @@ class Table:
 def table_names(workspace: Workspace) -> list[str]:
     """Return the names of the tables of a `workspace` whose results are there."""
     content = {
-        name: workspace.find_json(path) or {}
+        name: workspace.find_json(path.name) or {}
         for name, path in (
             ("registration", workspace.registration_path), ("scale", workspace.scale_path)
         )
