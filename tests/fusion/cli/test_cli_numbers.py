@@ -17,6 +17,7 @@ from fusion.workspace.settings import Settings
 
 ABSURD = ("nan", "inf", "-inf", "-1", "0", "1e308", "1e-308", str(10**30), "9" * 5000)
 SENSIBLE = {
+    "--smear-s": {"0", "1e-308"},
     "--gsd": {"0"},  # left to the program
     "--seed": {"0"},
     "--faces-from": {"0"},

@@ -81,7 +81,7 @@ def turned_states(workspace, target, angle_deg):
     """A copy whose spacecraft are turned about Z, and with them their cameras and the Sun."""
     shutil.copytree(workspace, target, symlinks=True)
     turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
-    for path in (target / "SUMFILES").iterdir():
+    for path in (target / "SUMFILES").glob("*.SUM"):
         image = read_summary(path)
         path.unlink()
         write_summary(path, replace(

@@ -201,7 +201,7 @@ def test_what_does_not_fit_is_refused():
         means=MeanConstraints.of_labels(blocks((300, 300), 30), np.zeros(100), np.ones(100)),
     )
     with pytest.raises(SettingsError, match="such wide areas"):
-        posterior_sigma(wide)
+        posterior_sigma(wide, method="exact")
     outside = MeanConstraints([0, 1], [81], one, one, one)
     with pytest.raises(InvalidValueError, match="outside the grid"):
         HeightProblem(
