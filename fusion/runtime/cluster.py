@@ -33,6 +33,7 @@ _ALIKE = ("spcola", "numpy", "scipy", "numba")
 _ANSWER_S = 20
 # Interval of checks that the cluster is still there while waiting for a result.
 _LOOK_S = 5
+_START_WORKERS = "start one on each machine: dask worker ADDRESS"
 _START = "start one: dask scheduler, and on each machine: dask worker ADDRESS"
 # A task is given up after so many workers died of it, or its function was lost as often.
 _TRIES = 3
@@ -198,9 +199,7 @@ class ClusterExecutor:
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         threads = sum(int(worker["nthreads"]) for worker in workers)
         if threads == 0:
-            raise SettingsError(
-                "the cluster has no worker", WHERE, "start one on each machine: dask worker ADDRESS"
-            )
+            raise NoClusterError("the cluster has no worker", WHERE, _START_WORKERS)
         return threads
 
     def _check_versions(self) -> None:
@@ -275,12 +274,12 @@ def _check_scheduler(address: str) -> None:
         )
 
 
-class NoSchedulerError(ClusterError, SettingsError):
-    """No scheduler answers at the address."""
+class NoClusterError(ClusterError, SettingsError):
+    """No scheduler answers at the address, or it has no worker; both may be on their way."""
 
 
-def _no_scheduler(address: str) -> NoSchedulerError:
-    return NoSchedulerError(f"no Dask scheduler answers at {address}", WHERE, _START)
+def _no_scheduler(address: str) -> NoClusterError:
+    return NoClusterError(f"no Dask scheduler answers at {address}", WHERE, _START)
 
 
 def _given_up(item: Any) -> PoisonousItemError:
