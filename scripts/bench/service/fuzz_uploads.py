@@ -28,7 +28,9 @@ import psutil
 BENCH = Path(__file__).parents[1]
 sys.path[:0] = [str(BENCH), str(BENCH.parents[1] / "tests" / "helpers")]
 from fuzz import input_of  # noqa: E402
+from fuzz_images import LINES, SAMPLES  # noqa: E402
 from fuzz_samples import KINDS, Sample  # noqa: E402
+from images import CAMERA, POSES  # noqa: E402
 from server_process import ServerProcess  # noqa: E402
 
 from fusion.runtime.processes import ProcessLimits  # noqa: E402
@@ -49,6 +51,14 @@ REFUSED = {
 }
 CLOUDS = ("ply cloud", "ply cloud binary", "pcd", "pcd binary", "pcd packed")
 LIDAR = ("las", "laz", "table", "ola", "nlr", "hayabusa", "hayabusa2", "lola", "lola binary")
+POLE = b"""
+\\begindata
+BODY0_POLE_RA = (10 0 0)
+BODY0_POLE_DEC = (20 0 0)
+BODY0_PM = (30 100 0)
+BODY0_RADII = (1 1 1)
+"""
+POSE = "0,0,5000,1,0,0,0,1,0,0,0,1,0,0,-1"
 TABLE_COLUMNS = {
     **{name: f"{name}_m [m]" for name in ("x", "y", "z")},
     "range": "range_m [m]",
@@ -62,11 +72,11 @@ JOBS: dict[str, tuple[str, dict[str, Any]]] = {
     "table": ("import", {"format": "table", "columns": TABLE_COLUMNS}),
     **{
         name: ("images", {"letter": "A"})
-        for name in ("mission fits", "fits image", "pds3", "pds4", "isis", "tiff", "png")
+        for name in ("mission fits", "fits image", "pds3", "pds4", "isis")
     },
     **{name: ("init", {}) for name in ("map", "lmk", "sum", "nom", "dat", "list")},
     **{name: ("shape", {}) for name in ("icq", "obj", "ply mesh", "ply mesh binary")},
-    **{name: ("poses", {}) for name in ("camera file", "text kernel", "star attitudes")},
+    **{name: ("poses", {}) for name in ("tiff", "png", "camera file", "text kernel")},
 }
 """What reads a kind of file: the kind of job, and its parameters."""
 
@@ -120,7 +130,7 @@ class Uploader:
         fresh = what in ("init", "shape")
         workspace = f"new{self._count}" if fresh else f"ws{self._count % WORKSPACES}"
         # Every input is a file of its own: one that was read is not read again.
-        named = name if fresh else f"i{self._count}{name}"
+        named = name if fresh else f"P{self._count:011d}{Path(name).suffix}"
         upload = self.send(workspace, named, content)
         given: dict[str, Any] = {"uploads": [upload], **more}
         if what == "shape":
@@ -137,13 +147,21 @@ class Uploader:
     def _posed(self, workspace: str, kind: str, upload: str) -> dict[str, Any]:
         """Return parameters of images whose camera, poses or rotation are the input."""
         files = {}
-        for part, sample in (("uploads", "png"), ("camera", "camera file"), ("pck", "text kernel")):
-            path = next((self._good / sample.replace(" ", "-")).iterdir())
-            files[part] = self.send(workspace, f"g{self._count}{path.name}", path.read_bytes())
-        poses = b"name,x_m,y_m,z_m,qw,qx,qy,qz\n" + f"g{self._count}a,1000,0,0,1,0,0,0\n".encode()
-        files["poses"] = self.send(workspace, f"p{self._count}.csv", poses)
-        changed = {"camera file": "camera", "text kernel": "pck", "star attitudes": "poses"}[kind]
-        files[changed] = upload
+        path = next((self._good / "png").iterdir())
+        name = f"Q{self._count:011d}"
+        files["uploads"] = self.send(workspace, f"{name}{path.suffix}", path.read_bytes())
+        camera = (
+            CAMERA.format(size=0, middle=8.5).replace("[0, 0]", f"[{SAMPLES}, {LINES}]").encode()
+        )
+        files["camera"] = self.send(workspace, f"{name}.toml", camera)
+        part = {"camera file": "camera", "text kernel": "pck"}.get(kind, "uploads")
+        image = f"P{self._count:011d}" if part == "uploads" else name
+        # Each image has a time of its own: its name follows from it.
+        minute, second = divmod(self._count % 3600, 60)
+        utc = f"2019-03-03T08:{minute:02d}:{second:02d}.9"
+        table = f"{POSES}\n{image},{utc},{POSE}\n".encode()
+        files["poses"] = self.send(workspace, f"{name}.csv", table)
+        files[part] = upload
         return {**files, "uploads": [files["uploads"]], "states": "poses", "letter": "A"}
 
 
@@ -153,14 +171,17 @@ def good_file(sample: Sample, folder: Path) -> Path:
     return next(iter(sorted(folder.iterdir())), None) or sample.make(folder)
 
 
-def tried(client: httpx.Client, uploader: Uploader, kind: str, options: argparse.Namespace) -> Counter:
+def tried(
+    client: httpx.Client, uploader: Uploader, kind: str, options: argparse.Namespace
+) -> Counter:
     """Upload the inputs of a kind; return how many had which outcome."""
     path = good_file(KINDS[kind], options.good / kind.replace(" ", "-"))
-    name, good = path.name, path.read_bytes()
-    jobs = {
-        uploader.submit(kind, name, input_of(KINDS[kind], good, kind, options.seed, number)): number
-        for number in range(options.inputs)
-    }
+    name, good = path.name, path.read_bytes() + (POLE if kind == "text kernel" else b"")
+    # The good file first: where it is refused, the mutated ones reach no reader.
+    jobs = {uploader.submit(kind, name, good): -1}
+    for number in range(options.inputs):
+        content = input_of(KINDS[kind], good, kind, options.seed, number)
+        jobs[uploader.submit(kind, name, content)] = number
     counts: Counter[str] = Counter()
     until = time.monotonic() + PATIENCE_S + 10.0 * len(jobs)
     while jobs:
@@ -171,7 +192,10 @@ def tried(client: httpx.Client, uploader: Uploader, kind: str, options: argparse
             number, error = jobs.pop(job), found["error"] or {}
             code = error.get("code", "")
             one_line = "\n" not in error.get("text", "")
-            if not error:
+            if number < 0:
+                if error:
+                    print(f"    good file: {kind}: {code}: {error['text'][:200]}", flush=True)
+            elif not error:
                 counts["accepted"] += 1
             elif code in REFUSED and one_line:
                 counts["refused"] += 1
@@ -204,7 +228,7 @@ def main() -> int:
         options.good.mkdir()
         for number in range(WORKSPACES):
             new_workspace(root / f"ws{number}", body="Ball")
-        for kind in ("png", "camera file", "text kernel"):
+        for kind in ("png", "camera file"):
             good_file(KINDS[kind], options.good / kind.replace(" ", "-"))
         server = ServerProcess(root, "--workers", "2")
         largest = Largest(server.process.pid)
