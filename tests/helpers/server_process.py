@@ -56,9 +56,14 @@ class ServerProcess:
         return [one.pid for one in children if "fusion.service.work.process" in one.cmdline()]
 
     def kill(self) -> None:
-        """End it without warning; its workers end with their items."""
+        """End it without warning, if it runs; its workers end with their items."""
         self.process.kill()
-        self.process.communicate()
+        self._wait()
+
+    def _wait(self) -> None:
+        self.process.wait(90)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
 
     def kill_worker(self) -> int:
         """End the first worker without warning; return its process number."""
@@ -70,7 +75,7 @@ class ServerProcess:
     def stop(self) -> int:
         """End it as a system does; return its exit code."""
         self.process.send_signal(signal.SIGTERM)
-        self.process.communicate(timeout=90)
+        self._wait()
         return self.process.returncode
 
 
