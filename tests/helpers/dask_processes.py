@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import os
+import random
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from typing import Self
 
 from distributed import Client
+
+
+def _free_port() -> int:
+    """Return a port below those that the system gives to connections.
+
+    Of those, whoever asks a scheduler that is gone again and again may be given the port itself, is
+    connected with himself then, and no new scheduler can have it.
+    """
+    for _ in range(100):
+        port = random.randrange(20_000, 30_000)
+        with socket.socket() as free, suppress(OSError):
+            free.bind(("127.0.0.1", port))
+            return port
+    raise AssertionError("no port is free")
 
 
 class DaskProcesses:
     """A cluster on a free port of this machine; nothing runs before it is started."""
 
     def __init__(self) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self._port = free.getsockname()[1]
+        self._port = _free_port()
         self.address = f"tcp://127.0.0.1:{self._port}"
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
