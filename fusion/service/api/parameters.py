@@ -12,12 +12,28 @@ from fusion.service.commands.json_options import options_of
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind
 from fusion.service.work import Places, parameters_of
+from spcola.errors import SpcolaError
 
 
 def check_parameters(
-    service: Service, workspace: str, kind: JobKind, given: Mapping[str, Any]
+    service: Service,
+    workspace: str,
+    kind: JobKind,
+    given: Mapping[str, Any],
+    *,
+    follows: bool = False,
 ) -> None:
     """Check that a job can begin with these parameters; no file is read.
+
+    Parameters
+    ----------
+    service : Service
+    workspace : str
+    kind : JobKind
+    given : mapping
+        JSON of a user.
+    follows : bool
+        Whether it comes after a job that may make the workspace or the solution.
 
     Raises
     ------
@@ -34,9 +50,7 @@ def check_parameters(
         uploads = (*getattr(checked, "uploads", ()), getattr(checked, "shape", None))
         places.uploads(workspace, [one for one in uploads if one is not None])
         return
-    opened = service.workspace(workspace, _solution(checked))
-    if settings := getattr(checked, "settings", None):
-        opened.settings().with_tables(settings, "settings")
+    _check_workspace(service, workspace, checked, follows=follows)
     if kind in COMMANDS:
 
         def path_of(value: Any, mark: Mark | None) -> Path:
@@ -49,7 +63,16 @@ def check_parameters(
         options_of(COMMANDS[kind].options, checked, path_of)
 
 
-def _solution(checked: Any) -> str:
-    """Return the solution that a job reads; an earlier job may have yet to make another."""
-    name = getattr(checked, "solution", "")
-    return "" if name == "all" else name
+def _check_workspace(service: Service, workspace: str, checked: Any, *, follows: bool) -> None:
+    """Check solution and settings of a job; raises RequestRefusedError or SpcolaError."""
+    solution = getattr(checked, "solution", "")
+    try:
+        # An assessment of all solutions reads each.
+        opened = service.workspace(workspace, "" if solution == "all" else solution)
+    except SpcolaError:
+        if not follows:
+            raise
+        service.place(workspace)
+        return
+    if settings := getattr(checked, "settings", None):
+        opened.settings().with_tables(settings, "settings")

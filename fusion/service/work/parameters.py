@@ -67,6 +67,34 @@ PARAMETERS: Mapping[JobKind, type[BaseModel]] = {
 }
 """What each kind of job takes."""
 
+EXAMPLES: Mapping[JobKind, Mapping[str, Any]] = {
+    JobKind.RUN: {"stages": ["mapolas", "register"], "settings": {"mapolas": {"gsd_m": 0.2}}},
+    JobKind.FORECAST: {"stages": ["fuse"]},
+    JobKind.SCALE_APPLY: {"name": "scaled-1", "accept": ["below-three-sigmas"]},
+    JobKind.INIT: {"body": "Bennu", "uploads": ["k3v9"], "shape": None},
+    JobKind.IMPORT: {"uploads": ["k3v9"], "columns": {"x": "X [km]", "y": "Y [km]", "z": "Z [km]"}},
+    JobKind.IMAGES: {
+        "uploads": ["k3v9", "x07a"], "states": "spice", "kernel": ["m2b1", "m2b2"],
+        "frame": "ORX_OCAMS_MAPCAM", "camera": {"output": "mapcam.toml"}, "dark": "d1f4",
+        "report": True,
+    },
+    JobKind.SUMFILES: {
+        "table": "t5c0", "kernel": ["m2b1", "m2b2"], "frame": "ORX_OCAMS_MAPCAM",
+        "camera": {"output": "mapcam.toml"}, "sigma_m": 2.0, "sigma_mrad": 0.1,
+    },
+    JobKind.KERNELS: {"out": "kernels-2026-11", "pck": "m2b3"},
+    JobKind.SOLUTION_USE: {"name": "scaled-1"},
+    JobKind.SOLUTION_EXPORT: {"name": "scaled-1", "folder": "spc-scaled"},
+    JobKind.SOLUTION_REMOVE: {"name": "scaled-1"},
+    JobKind.TRUTH_ASSESS: {"truth": "j8q2", "report": "truth.html", "solution": "all"},
+    JobKind.CAMERA_CALIBRATE: {
+        "camera": "c4e1", "catalogue": "s9d3", "attitudes": "a6f7", "stars": "b2k5",
+        "out": "nac_calibrated.toml",
+    },
+    JobKind.CAMERA_CONVERT: {"uploads": ["m2b4", "m2b5"], "number": -64361, "out": "mapcam.toml"},
+}  # fmt: skip
+"""Parameters of one job of each kind."""
+
 
 def parameters_of(kind: JobKind, given: Mapping[str, Any]) -> BaseModel:
     """Return the checked parameters of a job.

@@ -99,7 +99,8 @@ class Places:
     def desk(self, workspace: str, job: str, *, together: bool = True) -> Iterator[Desk]:
         """Yield folders for the files of a job; what it has written is an output then.
 
-        Its files are linked into one folder if they have to lie `together`. An earlier output of the same name is replaced. What a job wrote that fails is removed.
+        Its files are linked into one folder if they have to lie `together`. An earlier output of
+        the same name is replaced. What a job wrote that fails is removed.
         """
         desk = Desk(
             self,
@@ -126,6 +127,18 @@ class Places:
     def without_folder_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`without_folder`."""
         return with_texts(value, self.without_folder)
+
+
+def output_files(folder: Path, workspace: str) -> dict[str, int]:
+    """Return the files that jobs in a workspace have written for their users, with their sizes."""
+    root = outputs_folder(folder, workspace)
+    found = (path for path in root.rglob("*") if path.is_file() and not path.is_symlink())
+    names = ((path.relative_to(root), path) for path in found)
+    return {
+        name.as_posix(): path.stat().st_size
+        for name, path in names
+        if not name.parts[0].startswith(".")
+    }
 
 
 def outputs_folder(folder: Path, workspace: str) -> Path:
