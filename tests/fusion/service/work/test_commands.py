@@ -133,7 +133,6 @@ def test_images_states_kernels_and_exports(
         camera=ids["nac.toml"], dark=ids["dark.fit"], letter="N", low=20, columns={},
     )  # fmt: skip
     made = submit(JobKind.KERNELS, out="kernels")
-    kernel = [{"output": f"kernels/{name}"} for name in ("meta.tm",)]
     exported = submit(JobKind.SOLUTION_EXPORT, name="imported", folder="spc")
     converted = submit(JobKind.CAMERA_CONVERT, uploads=[ids["nac.toml"]], out="cam.toml", name="B")
     service.work()
@@ -160,8 +159,65 @@ def test_images_states_kernels_and_exports(
     assert sorted(finished(service, exported)["written"]) > []
     assert finished(service, converted)["out"] == "outputs/cam.toml"
     assert (outputs / "cam.toml").read_bytes() == (tmp_path / "cam.toml").read_bytes()
-    assert {path.name for path in (outputs / "kernels").iterdir()} == {
-        path.name for path in (tmp_path / "kernels").iterdir()
-    }
+    assert files_in(outputs / "kernels").keys() == files_in(tmp_path / "kernels").keys()
     assert not [*(service.folder / ".service" / "gathered").iterdir()]
-    assert kernel
+
+
+def test_states_by_a_table_and_an_output_of_an_earlier_job(
+    service: Service, given: dict[str, bytes], tmp_path: Path
+) -> None:
+    for name, content in given.items():
+        (tmp_path / name).write_bytes(content)
+    by_hand = workspace_at(tmp_path / "new")
+    workspace_at(service.folder / "new")
+    camera, poses = (service.upload(one, given[one], "new") for one in ("nac.toml", "poses.csv"))
+    first = service.submit_to("new", JobKind.CAMERA_CONVERT, uploads=[camera], out="cam.toml")
+    second = service.submit_to(
+        "new", JobKind.SUMFILES, poses=poses, camera={"output": "cam.toml"}, sigma_m=2.0, letter="N"
+    )
+    missing = service.submit_to(
+        "new", JobKind.SUMFILES, poses=poses, camera={"output": "none.toml"}
+    )
+    service.work()
+    finished(service, first)
+    called(
+        "sumfiles", by_hand, "--poses", tmp_path / "poses.csv", "--camera", tmp_path / "nac.toml",
+        "--sigma-m", 2.0, "--letter", "N",
+    )  # fmt: skip
+    assert len(finished(service, second)["images"]) == 3
+    assert files_in(service.folder / "new" / "SUMFILES") == files_in(by_hand / "SUMFILES")
+    error = service.store.job(missing.id).error
+    assert error is not None
+    assert (error.code, error.text) == (
+        "invalid-value",
+        "output 'none.toml': is no output of an earlier job",
+    )
+
+
+def test_a_meta_kernel_leads_to_no_other_file(service: Service, tmp_path: Path) -> None:
+    outside = tmp_path / "outside.tpc"
+    outside.write_text("KPL/PCK\n\\begindata\nBODY2101955_POLE_RA = ( 85.0 0.0 0.0 )\n")
+    text = f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( '{outside}' )\n"
+    meta = service.upload("all.tm", text.encode())
+    table = service.upload("images.csv", b"image,utc\nN1,2019-03-03T10:59:40\n")
+    job = service.submit(
+        JobKind.SUMFILES, table=table, kernel=[meta], frame="SC64_SPC_1", camera=table
+    )
+    service.work()
+    error = service.store.job(job.id).error
+    assert error is not None
+    assert "names a file that is not an upload of the job" in error.text
+    assert str(tmp_path) not in error.text
+
+
+def test_solutions_are_used_and_removed(service: Service) -> None:
+    jobs = [
+        service.submit(JobKind.SOLUTION_USE, name="imported"),
+        service.submit(JobKind.SOLUTION_USE, name="none"),
+        service.submit(JobKind.SOLUTION_REMOVE, name="imported"),
+        service.submit(JobKind.SOLUTION_REMOVE, name=""),
+    ]
+    service.work()
+    assert finished(service, jobs[0]) == {"in_use": "imported"}
+    errors = [service.store.job(job.id).error for job in jobs[1:]]
+    assert [one and one.code for one in errors] == ["workspace", "workspace", "invalid-value"]
