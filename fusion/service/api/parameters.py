@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.service import Service
 from fusion.service.commands.fields import Mark
 from fusion.service.commands.json_options import options_of
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind
 from fusion.service.work import Places, parameters_of
-from spcola.errors import SpcolaError
+from spcola.errors import WorkspaceError
 
 
 def check_parameters(
@@ -69,10 +70,14 @@ def _check_workspace(service: Service, workspace: str, checked: Any, *, follows:
     try:
         # An assessment of all solutions reads each.
         opened = service.workspace(workspace, "" if solution == "all" else solution)
-    except SpcolaError:
+    except RequestRefusedError:
         if not follows:
             raise
         service.place(workspace)
+        return
+    except WorkspaceError as error:
+        if not follows:
+            raise RequestRefusedError(Refusal.INVALID, error.what, "solution", error.do) from error
         return
     if settings := getattr(checked, "settings", None):
         opened.settings().with_tables(settings, "settings")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from http import HTTPStatus
 from typing import Any
@@ -126,10 +127,7 @@ def add_problem_handlers(app: FastAPI) -> None:
 
     async def invalid(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        first = error.errors()[0] if error.errors() else {"loc": ("body",), "msg": "is not valid"}
-        where = ".".join(printable(str(part))[:60] for part in first["loc"])
-        refusal = RequestRefusedError(Refusal.INVALID, printable(str(first["msg"])), where)
-        return problem_response(request, refusal)
+        return problem_response(request, _invalid(request, error.errors()))
 
     async def http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
@@ -137,13 +135,29 @@ def add_problem_handlers(app: FastAPI) -> None:
         code = next((code for code, own in CODES.items() if own is status), Refusal.INVALID)
         detail = printable(str(error.detail))
         headers = dict(error.headers or {})
-        return problem_document(request, status, code, headers=headers, detail=detail)
+        do = {"do": f"use {headers['allow']}"} if "allow" in headers else {}
+        return problem_document(request, status, code, headers=headers, detail=detail, **do)
 
     app.add_exception_handler(SpcolaError, known)
     app.add_exception_handler(OSError, known)
     app.add_exception_handler(MemoryError, known)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(HTTPException, http)
+
+
+def _invalid(request: Request, errors: Sequence[Any]) -> RequestRefusedError:
+    """Return what is wrong with a request whose values are not those described."""
+    first: dict[str, Any] = (
+        errors[0] if errors else {"loc": ("body",), "msg": "is not valid", "type": ""}
+    )
+    where = ".".join(printable(str(part))[:60] for part in first["loc"])
+    what, do = printable(str(first["msg"])), None
+    if first["type"] == "json_invalid":
+        why = (first.get("ctx") or {}).get("error", "")
+        what, where = f"is not JSON: {printable(str(why))} at character {first['loc'][-1]}", "body"
+    elif where == "body" and "json" not in request.headers.get("content-type", ""):
+        what, do = "is not JSON", "send it with the header Content-Type: application/json"
+    return RequestRefusedError(Refusal.INVALID, what, where, do)
 
 
 def _without_path(text: str, root: str) -> str:

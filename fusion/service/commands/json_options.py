@@ -158,6 +158,7 @@ def wrong_usage(call: Callable[[], Any]) -> Callable[[], Any]:
             return call()
         except typer.BadParameter as error:
             where = str(error.param_hint or "").removeprefix("--").replace("-", "_").lower()
+            where = "uploads" if where == "file" else where
             raise InvalidValueError(error.message.replace("--", ""), where or None) from error
 
     return checked

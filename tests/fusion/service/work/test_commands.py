@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,15 @@ import typer
 from astropy.io import fits
 from command_line import called
 from damage import files_in
+from distributed import LocalCluster
 from served import Service
 
 from fusion.cli.app import app
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind, JobState
+from fusion.service.views.history import run_record, run_request, runs_compared
 from fusion.service.work import EXAMPLES, PARAMETERS, parameters_of
-from fusion.workspace import SETTINGS_FILE, new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from spcola.camera import Camera
 from spcola.camera.instrument import Instrument
@@ -221,3 +224,27 @@ def test_solutions_are_used_and_removed(service: Service) -> None:
     assert finished(service, jobs[0]) == {"in_use": "imported"}
     errors = [service.store.job(job.id).error for job in jobs[1:]]
     assert [one and one.code for one in errors] == ["workspace", "workspace", "invalid-value"]
+
+
+def test_a_run_on_a_real_scheduler_and_a_reproduced_one_are_that_of_the_command(
+    service: Service, by_command: tuple[Path, dict]
+) -> None:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        job = service.submit(stages=["mapolas"])
+        service.work(cluster=cluster.scheduler_address)
+    finished(service, job)
+    wanted = files_in(by_command[0])
+    assert files_in(service.workspace) == wanted
+    request = run_request(Workspace.open(by_command[0]), "imported:mapolas")
+    shutil.rmtree(service.workspace / ".items")
+    again = service.submit(JobKind(request["kind"]), **request["parameters"])
+    service.work()
+    finished(service, again)
+    assert files_in(service.workspace) == wanted
+    one, two = (
+        run_record(Workspace.open(root), "imported:mapolas")
+        for root in (by_command[0], service.workspace)
+    )
+    compared = runs_compared(one, two)
+    assert compared["same"]
+    assert not any(compared[key] for key in ("settings", "results", "inputs", "outputs"))
