@@ -135,7 +135,7 @@ def add_problem_handlers(app: FastAPI) -> None:
         code = next((code for code, own in CODES.items() if own is status), Refusal.INVALID)
         detail = printable(str(error.detail))
         headers = dict(error.headers or {})
-        do = {"do": f"use {headers['allow']}"} if "allow" in headers else {}
+        do = {"do": f"use {headers['Allow']}"} if "Allow" in headers else {}
         return problem_document(request, status, code, headers=headers, detail=detail, **do)
 
     app.add_exception_handler(SpcolaError, known)

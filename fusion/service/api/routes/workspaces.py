@@ -50,8 +50,11 @@ def workspaces(request: Request, after: After = "", limit: Limit = 100) -> Respo
 def make_workspace(request: Request, body: WorkspaceRequest) -> Response:
     """Make a workspace, by a job. With a shape or SPC files: upload them, and submit `init`."""
     service = service_of(request)
-    if service.is_single or body.name in service.names():
-        raise RequestRefusedError(Refusal.CONFLICT, "cannot be made here", body.name)
+    if service.is_single:
+        what, do = "the service has one workspace only", "serve the folder above it"
+        raise RequestRefusedError(Refusal.CONFLICT, what, body.name, do)
+    if body.name in service.names():
+        raise RequestRefusedError(Refusal.CONFLICT, "exists already", body.name)
     return submitted(request, body.name, JobKind.INIT, {"body": body.body}, {})
 
 
