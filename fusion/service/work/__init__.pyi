@@ -1,11 +1,7 @@
 from .logs import start_log as start_log
 from .options import WorkOptions as WorkOptions
-from .parameters import EXAMPLES as EXAMPLES
-from .parameters import PARAMETERS as PARAMETERS
 from .parameters import parameters_of as parameters_of
 from .places import Places as Places
-from .places import output_files as output_files
-from .places import outputs_folder as outputs_folder
 from .process import worker_command as worker_command
 from .supervisor import Supervisor as Supervisor
 from .worker import work as work

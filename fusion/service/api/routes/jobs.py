@@ -20,7 +20,7 @@ from fusion.service.api.service import service_of
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind, JobRequest, JobState
 from fusion.service.store import Scope, UnknownJobError
-from fusion.service.work import EXAMPLES, PARAMETERS
+from fusion.service.work.parameters import EXAMPLES, PARAMETERS
 
 routes = Routes("/api/v1", "jobs")
 _MOST_EVENTS = 1000

@@ -15,7 +15,7 @@ from fusion.service.api.answers import json_answer, page_of
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.files import file_answer
 from fusion.service.api.service import service_of
-from fusion.service.work import output_files, outputs_folder
+from fusion.service.work.places import output_files, outputs_folder
 
 routes = Routes("/api/v1/workspaces/{workspace}/outputs", "outputs")
 

@@ -19,7 +19,7 @@ from fusion.cli.app import app
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind, JobState
 from fusion.service.views.history import run_record, run_request, runs_compared
-from fusion.service.work import EXAMPLES, PARAMETERS, parameters_of
+from fusion.service.work.parameters import EXAMPLES, PARAMETERS, parameters_of
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from spcola.camera import Camera
