@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from fusion.cli.options import JsonOption, site_of, with_shared_options
+from fusion.cli.options import JsonOption, PanelCommand, site_of, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
 from fusion.service.commands.calibration import CalibrateOptions, calibrate_camera
@@ -42,6 +42,7 @@ def convert(given: ConvertOptions, as_json: JsonOption = False) -> None:
 
 app.command(
     "calibrate",
+    cls=PanelCommand,
     epilog="Example: spcola camera calibrate nac.toml --catalogue tycho.csv --attitudes "
     "cruise.csv --stars stars.csv -o nac_calibrated.toml",
 )(guarded(with_shared_options(calibrate)))

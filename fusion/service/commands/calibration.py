@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
 
 import typer
 
@@ -19,6 +19,42 @@ if TYPE_CHECKING:
     from spcola.formats.cameras.stars import NominalAttitude
 
 __all__ = ["CalibrateOptions", "calibrate_camera"]
+
+
+@dataclass(frozen=True)
+class SolvedOptions:
+    """Options that choose what is solved."""
+
+    panel: ClassVar[str] = "What is solved"
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="MODEL", help="Distortion to solve; the file's if not given: owen, brown, …"
+        ),
+    ] = ""
+    k_matrix: Annotated[
+        bool, typer.Option("--k-matrix/--no-k-matrix", help="Solve Kxy and Kyy; Kxx is fixed.")
+    ] = True
+    center: Annotated[
+        bool,
+        typer.Option("--center", help="Solve the centre too: needs attitudes with a sigma."),
+    ] = False
+    distortion: Annotated[
+        bool, typer.Option("--distortion/--no-distortion", help="Solve the distortion.")
+    ] = True
+
+
+@dataclass(frozen=True)
+class MatchingOptions:
+    """Options of the identification of stars."""
+
+    panel: ClassVar[str] = "Identification of stars"
+    search_px: Annotated[
+        float, typer.Option(metavar="PX", min=1.0, max=1e4, help="Error of the attitudes, pixels.")
+    ] = 50.0
+    match_px: Annotated[
+        float, typer.Option(metavar="PX", min=0.1, max=1e3, help="Error of the nominal camera.")
+    ] = 3.0
 
 
 @dataclass(frozen=True)
@@ -55,28 +91,8 @@ class CalibrateOptions:
     name: Annotated[
         str, typer.Option(metavar="NAME", help="The camera, if the file has several.")
     ] = ""
-    model: Annotated[
-        str,
-        typer.Option(
-            metavar="MODEL", help="Distortion to solve; the file's if not given: owen, brown, …"
-        ),
-    ] = ""
-    k_matrix: Annotated[
-        bool, typer.Option("--k-matrix/--no-k-matrix", help="Solve Kxy and Kyy; Kxx is fixed.")
-    ] = True
-    center: Annotated[
-        bool,
-        typer.Option("--center", help="Solve the centre too: needs attitudes with a sigma."),
-    ] = False
-    distortion: Annotated[
-        bool, typer.Option("--distortion/--no-distortion", help="Solve the distortion.")
-    ] = True
-    search_px: Annotated[
-        float, typer.Option(metavar="PX", min=1.0, max=1e4, help="Error of the attitudes, pixels.")
-    ] = 50.0
-    match_px: Annotated[
-        float, typer.Option(metavar="PX", min=0.1, max=1e3, help="Error of the nominal camera.")
-    ] = 3.0
+    solving: SolvedOptions = SolvedOptions()
+    matching: MatchingOptions = MatchingOptions()
 
 
 def calibrate_camera(site: Site, given: CalibrateOptions) -> Done:
@@ -87,10 +103,11 @@ def calibrate_camera(site: Site, given: CalibrateOptions) -> Done:
 
     camera = given.camera
     nominal = _nominal(camera, given.name)
-    start = _started(nominal.camera, given.model)
+    start = _started(nominal.camera, given.solving.model)
     frames, left_out = _frames(start, site, given)
+    solving = given.solving
     parameters = solved_parameters(
-        start, k_matrix=given.k_matrix, center=given.center, distortion=given.distortion
+        start, k_matrix=solving.k_matrix, center=solving.center, distortion=solving.distortion
     )
     solved = solve(frames, start, parameters)
     if not solved.converged:
@@ -162,7 +179,7 @@ def _frames(
     sky, nominal = read_star_catalogue(given.catalogue), read_attitudes(given.attitudes)
     files = (one.file for one in nominal.values() if one.file is not None)
     site.check_inside(files, given.attitudes)
-    tolerances = {"search_px": given.search_px, "match_px": given.match_px}
+    tolerances = asdict(given.matching)
     measured = _measured(nominal, given.stars, camera)
     frames: list[StarFrame] = []
     left_out: dict[str, str] = {}
