@@ -1,0 +1,41 @@
+// Bundles src/ into static/: scripts with a digest in their names, one style sheet, index.html.
+import { build } from "esbuild";
+import { mkdir, readFile, rename, rm, writeFile } from "node:fs/promises";
+import { basename, dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const made = join(here, "static.new");
+await rm(made, { recursive: true, force: true });
+await mkdir(made);
+
+const result = await build({
+  absWorkingDir: here,
+  entryPoints: ["src/main.ts", "src/style.css"],
+  outdir: made,
+  entryNames: "[name]-[hash]",
+  chunkNames: "[name]-[hash]",
+  assetNames: "[name]-[hash]",
+  bundle: true,
+  splitting: true,
+  format: "esm",
+  target: "es2022",
+  minify: true,
+  legalComments: "linked",
+  metafile: true,
+  logLevel: "warning",
+});
+
+const entries = {};
+for (const [path, output] of Object.entries(result.metafile.outputs)) {
+  if (output.entryPoint) entries[basename(output.entryPoint)] = basename(path);
+}
+let index = await readFile(join(here, "src", "index.html"), "utf8");
+for (const [source, file] of Object.entries(entries)) index = index.replace(`{${source}}`, file);
+await writeFile(join(made, "index.html"), index);
+
+// Swapped at the end: a build that fails leaves the page as it was.
+await rm(join(here, "static"), { recursive: true, force: true });
+await rename(made, join(here, "static"));
+const bytes = Object.values(result.metafile.outputs).reduce((sum, one) => sum + one.bytes, 0);
+console.log(`page: ${Object.keys(result.metafile.outputs).length} files, ${(bytes / 1e6).toFixed(2)} MB`);
