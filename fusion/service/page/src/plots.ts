@@ -43,12 +43,15 @@ interface PointOptions {
   names?: string[];
   /** Range of the axis of x. */
   spanX?: [number, number];
+  /** Distance of the marks of the axis of x. */
+  stepX?: number;
   /** Called when a point is clicked. */
   onPick?: (series: number, index: number) => void;
 }
 
 const HEIGHT = 260;
 const REACH_PX = 12;
+const GLYPHS = { circle: "●", cross: "✕", square: "■" };
 const MINUS = (values: number[]): string[] => values.map((value) => number(value, 6).replace(/(\.\d*?)0+(?=$|e)/, "$1").replace(/\.(?=$|e)/, ""));
 
 /** Draw lines over x, each with its band of sigma; `onCursor` hears the index under the cursor. */
@@ -61,12 +64,12 @@ export function bandPlot(
   signal: AbortSignal,
 ): void {
   const data: (number | null)[][] = [x];
-  const series: uPlot.Series[] = [{ label: labels.x, value: (_, value) => (value === null ? "" : number(value, 4)) }];
+  const series: uPlot.Series[] = [{ label: labels.x, value: (_, value) => (value === null ? "–" : number(value, 4)) }];
   const drawn: uPlot.Band[] = [];
   for (const { label, y, sigma, colour } of bands) {
     data.push(y);
     const shown = (at: number | null): string => {
-      if (at === null || at === undefined) return "";
+      if (at === null || at === undefined) return "–";
       const spread = sigma?.[at];
       return `${number(y[at], 4)}${spread ? ` ± ${number(spread, 2)}` : ""}`;
     };
@@ -93,9 +96,9 @@ export function bandPlot(
 
 /** Draw groups of points with error bars; those of different groups differ in shape and colour. */
 export function pointsPlot(root: HTMLElement, groups: Points[], labels: Labels, options: PointOptions, signal: AbortSignal): void {
-  const { levels = [], names, spanX, onPick } = options;
+  const { levels = [], names, spanX, stepX, onPick } = options;
   const series: uPlot.Series[] = [{}, ...groups.map((group, k) => ({
-    label: group.label,
+    label: `${GLYPHS[group.shape]} ${group.label}`,
     stroke: () => themed(group.colour),
     facets: [{ scale: "x", auto: true }, { scale: "y", auto: true }],
     paths: (plot: uPlot) => {
@@ -107,7 +110,7 @@ export function pointsPlot(root: HTMLElement, groups: Points[], labels: Labels, 
     mode: 2,
     series,
     legend: { show: true, live: false },
-    axes: axes(labels, names),
+    axes: axes(labels, names, spanX && stepX ? steps(spanX, stepX) : undefined),
     scales: {
       x: { time: false, range: () => spanX ?? spanOf(groups.flatMap((each) => each.x)) },
       y: { range: () => spanOf([...groups.flatMap(edges), ...levels.flatMap(({ y, sigma }) => [y - sigma, y + sigma])]) },
@@ -164,7 +167,11 @@ function make(root: HTMLElement, data: uPlot.AlignedData, options: Partial<uPlot
   return plot;
 }
 
-function axes(labels: Labels, names?: string[]): uPlot.Axis[] {
+function steps([low, high]: [number, number], step: number): number[] {
+  return Array.from({ length: Math.round((high - low) / step) + 1 }, (_, k) => low + k * step);
+}
+
+function axes(labels: Labels, names?: string[], splits?: number[]): uPlot.Axis[] {
   const shared = {
     stroke: () => themed("--text"),
     grid: { stroke: () => themed("--line"), width: 1 },
@@ -177,7 +184,7 @@ function axes(labels: Labels, names?: string[]): uPlot.Axis[] {
     values: (_: uPlot, at: number[]) => at.map((each) => names[each] ?? ""),
   };
   return [
-    { ...shared, label: labels.x, size: 32, labelSize: 22, labelGap: 0, values: (_: uPlot, at: number[]) => MINUS(at), ...named } as uPlot.Axis,
+    { ...shared, label: labels.x, size: 32, labelSize: 22, labelGap: 0, values: (_: uPlot, at: number[]) => MINUS(at), ...(splits && { splits: () => splits }), ...named } as uPlot.Axis,
     { ...shared, label: labels.y, size: 66, values: (_: uPlot, at: number[]) => MINUS(at) },
   ];
 }

@@ -119,7 +119,7 @@ function drawPlots(root: HTMLElement, matches: Match[], route: Route, signal: Ab
     const [x, name] = ACROSS.find(([each]) => each === across.value)!;
     const [groups, members] = groupsOf(matches, x, key);
     const span: [number, number] = x === "longitude_deg" ? [0, 360] : [-90, 90];
-    pointsPlot(where, groups, { x: name, y: `${title} (m)` }, { levels: [zero()], spanX: span, onPick: open(members) }, drawn.signal);
+    pointsPlot(where, groups, { x: name, y: `${title} (m)` }, { levels: [zero()], spanX: span, stepX: span[1] === 360 ? 60 : 30, onPick: open(members) }, drawn.signal);
     const used = matches.filter((match) => match.used).map((match) => match[key] as number | null).filter((each) => each !== null);
     if (used.length) histogram(spread, used, `${title} of used matches (m)`, "--used", drawn.signal);
     keepInAddress({ residual: key === MEASURES[0]![0] ? "" : key, against: x === ACROSS[0]![0] ? "" : x });

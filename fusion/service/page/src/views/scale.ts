@@ -1,9 +1,9 @@
 // Epsilon, the relative error of scale: of all, per day, by local time and longitude.
 import { getJson, pathOf } from "../api";
 import { element, fill } from "../dom";
-import { partsPerMillion } from "../format";
+import { number, partsPerMillion } from "../format";
 import { pointsPlot, type Level, type Points } from "../plots";
-import { hrefOf, type Route, type View } from "../router";
+import type { View } from "../router";
 
 const MILLION = 1e6;
 
@@ -17,11 +17,18 @@ interface Epsilon {
   epsilon_sigma: number | null;
   method: string | null;
   verdict: string | null;
-  reasons: unknown;
-  trends: unknown;
+  reasons: string[] | null;
+  trends: Record<string, Trend> | null;
   per_day: { day: string; n: number; epsilon: number | null; epsilon_sigma: number | null }[];
   local_time_h: Against;
   longitude_deg: Against;
+}
+
+/** A wave of ε over an angle: its amplitude, and how likely chance makes one as large. */
+interface Trend {
+  amplitude: number | null;
+  sigma: number | null;
+  p_value: number | null;
 }
 
 interface Finding {
@@ -41,7 +48,7 @@ export const scale: View = {
     const findings = about.findings.filter((each) => each.stage === "scale");
     const plots = element("div", { class: "plots" });
     fill(root, element("h1", {}, "Scale"), head(found), codes(found, findings), plots);
-    draw(plots, found, route, signal);
+    draw(plots, found, signal);
     root.dataset.ready = "true";
   },
 };
@@ -58,18 +65,17 @@ function head({ epsilon, epsilon_sigma: sigma, method, verdict }: Epsilon): HTML
 }
 
 /** Return the findings with their codes, and why a term could not be observed. */
-function codes({ reasons }: Epsilon, findings: Finding[]): HTMLElement | null {
+function codes({ reasons, trends }: Epsilon, findings: Finding[]): HTMLElement | null {
   const items = findings.map(({ code, severity, text }) => element("li", {}, element("code", {}, code), ` ${severity}: ${text}`));
-  for (const [term, reason] of entriesOf(reasons)) items.push(element("li", {}, element("code", {}, term), ` ${reason}`));
+  for (const reason of reasons ?? []) items.push(element("li", {}, reason));
+  for (const [angle, { amplitude, sigma, p_value: chance }] of Object.entries(trends ?? {})) {
+    const size = partsPerMillion(amplitude, sigma);
+    items.push(element("li", {}, `Wave over ${angle.replaceAll("_", " ")}: ${size}; by chance with probability ${number(chance, 2)}.`));
+  }
   return items.length ? element("ul", { class: "codes", "aria-label": "Findings" }, ...items) : null;
 }
 
-function entriesOf(reasons: unknown): [string, string][] {
-  if (!reasons || typeof reasons !== "object") return [];
-  return Object.entries(reasons).map(([term, reason]) => [term, typeof reason === "string" ? reason : JSON.stringify(reason)]);
-}
-
-function draw(root: HTMLElement, found: Epsilon, route: Route, signal: AbortSignal): void {
+function draw(root: HTMLElement, found: Epsilon, signal: AbortSignal): void {
   const levels: Level[] = found.epsilon === null ? [] : [
     { y: MILLION * found.epsilon, sigma: MILLION * (found.epsilon_sigma ?? 0), colour: "--fused" },
   ];
@@ -102,9 +108,8 @@ function draw(root: HTMLElement, found: Epsilon, route: Route, signal: AbortSign
     const groups = groupsOf(found[key]);
     if (!groups.length) continue;
     const text = `${band} Squares are means in twelve bins with their standard errors.`;
-    pointsPlot(place(title, text), groups, { x: label, y: "ε (ppm)" }, { levels, spanX: [0, full] }, signal);
+    pointsPlot(place(title, text), groups, { x: label, y: "ε (ppm)" }, { levels, spanX: [0, full], stepX: full / 6 }, signal);
   }
-  root.append(element("p", {}, element("a", { href: hrefOf(route.workspace, "overview") }, "Overview of the workspace")));
 }
 
 /** Return single values, used and rejected, and the means in bins. */
