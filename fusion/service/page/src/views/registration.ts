@@ -5,6 +5,7 @@ import { degrees, metres, number } from "../format";
 import { labelled } from "../look";
 import { histogram, pointsPlot, type Points } from "../plots";
 import { hrefOf, keepInAddress, type Route, type View } from "../router";
+import { table, type Column } from "../table";
 
 interface Match {
   name: string;
@@ -39,18 +40,17 @@ const MEASURES: [key: Key, title: string][] = [
   ["residual_up_m", "up"], ["residual_east_m", "east"], ["residual_north_m", "north"], ["size_m", "size"],
 ];
 const ACROSS: [key: Key, title: string][] = [["longitude_deg", "longitude (° E)"], ["latitude_deg", "latitude (°)"]];
-const COLUMNS: [key: Key, title: string, text: (match: Match) => string][] = [
-  ["name", "Mapola", (match) => match.name],
-  ["used", "State", (match) => (match.used ? "used" : "✕ rejected")],
-  ["longitude_deg", "Longitude", (match) => degrees(match.longitude_deg)],
-  ["latitude_deg", "Latitude", (match) => degrees(match.latitude_deg)],
-  ["residual_east_m", "East", (match) => metres(match.residual_east_m)],
-  ["residual_north_m", "North", (match) => metres(match.residual_north_m)],
-  ["residual_up_m", "Up", (match) => metres(match.residual_up_m)],
-  ["size_m", "Size", (match) => metres(match.size_m)],
-  ["correlation", "Correlation", (match) => number(match.correlation, 4)],
-  ["coverage", "Coverage", (match) => number(match.coverage, 2)],
-  ["cause", "Cause", (match) => match.reason || match.cause || ""],
+const COLUMNS: Column<Match>[] = [
+  { title: "State", cell: (match) => (match.used ? "used" : element("span", { class: "rejected" }, "✕ rejected")), by: (match) => Number(match.used) },
+  angle("Longitude", "longitude_deg"),
+  angle("Latitude", "latitude_deg"),
+  length("East", "residual_east_m"),
+  length("North", "residual_north_m"),
+  length("Up", "residual_up_m"),
+  length("Size", "size_m"),
+  { title: "Correlation", cell: (match) => number(match.correlation, 4), by: (match) => match.correlation, number: true },
+  { title: "Coverage", cell: (match) => number(match.coverage, 2), by: (match) => match.coverage, number: true },
+  { title: "Cause", cell: (match) => match.reason || match.cause || "", by: (match) => match.cause },
 ];
 
 export const registration: View = {
@@ -58,11 +58,10 @@ export const registration: View = {
   async open(root, route, signal) {
     const found = await getJson<Residuals>(pathOf(route.workspace, "registration", "residuals"), { signal });
     const scans = await scanTable(route.workspace, signal);
-    fill(root, element("h1", {}, "Registration"), summary(found), element("div", { class: "plots" }), element("div", { class: "matches" }));
+    fill(root, element("h1", {}, "Registration"), summary(found), element("div", { class: "plots" }), element("h2", {}, "Matches"), matchTable(found.matches, route));
     const plots = root.querySelector<HTMLElement>(".plots")!;
     drawPlots(plots, found.matches, route, signal);
     if (scans) drawScans(plots, scans, signal);
-    drawTable(root.querySelector<HTMLElement>(".matches")!, found.matches, route);
     root.dataset.ready = "true";
   },
 };
@@ -153,43 +152,22 @@ function drawScans(root: HTMLElement, { columns }: ScanTable, signal: AbortSigna
   pointsPlot(place, groups, { x: few ? "" : "scan", y: "offset (m)" }, { levels: [zero()], names: few, spanX: [-0.5, names.length - 0.5] }, signal);
 }
 
-function drawTable(root: HTMLElement, matches: Match[], route: Route): void {
-  let key = (COLUMNS.find(([each]) => each === route.query.get("sort"))?.[0] ?? "size_m") as Key;
-  let down = route.query.get("order") !== "up";
-  const draw = (): void => {
-    const sorted = [...matches].sort((one, two) => compared(one[key], two[key]) * (down ? -1 : 1));
-    const head = COLUMNS.map(([each, title]) => {
-      const act = (): void => {
-        down = each === key ? !down : true;
-        key = each;
-        keepInAddress({ sort: key === "size_m" ? "" : key, order: down ? "" : "up" });
-        draw();
-        root.querySelector<HTMLElement>(`button[name="${each}"]`)?.focus();
-      };
-      const arrow = each === key ? (down ? " ▾" : " ▴") : "";
-      const state = each === key ? (down ? "descending" : "ascending") : undefined;
-      return element("th", { scope: "col", "aria-sort": state }, element("button", { type: "button", name: each, onclick: act }, title + arrow));
-    });
-    const rows = sorted.map((match) =>
-      element(
-        "tr",
-        { class: match.used ? "" : "rejected" },
-        ...COLUMNS.map(([each, , text]) =>
-          each === "name"
-            ? element("td", {}, element("a", { href: hrefOf(route.workspace, "map", ["mapola", match.name]) }, match.name))
-            : element("td", { class: typeof match[each] === "number" ? "number" : "" }, text(match)),
-        ),
-      ),
-    );
-    fill(root, element("table", { class: "sortable", "aria-label": "Matches" }, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...rows)));
+function matchTable(matches: Match[], route: Route): HTMLElement {
+  const largest = [...matches].sort((one, two) => (two.size_m ?? Infinity) - (one.size_m ?? Infinity));
+  const name: Column<Match> = {
+    title: "Mapola",
+    cell: (match) => element("a", { href: hrefOf(route.workspace, "map", ["mapola", match.name]) }, match.name),
+    by: (match) => match.name,
   };
-  draw();
+  return table("Matches", [name, ...COLUMNS], largest);
 }
 
-/** Unknown ones are the smallest. */
-function compared(one: unknown, two: unknown): number {
-  const [first, second] = [one ?? -Infinity, two ?? -Infinity] as [number | string, number | string];
-  return first < second ? -1 : first > second ? 1 : 0;
+function angle(title: string, key: "longitude_deg" | "latitude_deg"): Column<Match> {
+  return { title, cell: (match) => degrees(match[key]), by: (match) => match[key], number: true };
+}
+
+function length(title: string, key: "residual_east_m" | "residual_north_m" | "residual_up_m" | "size_m"): Column<Match> {
+  return { title, cell: (match) => metres(match[key]), by: (match) => match[key], number: true };
 }
 
 function choice(label: string, options: [Key, string][], chosen: string | null): HTMLSelectElement {

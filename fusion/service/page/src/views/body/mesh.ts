@@ -25,7 +25,7 @@ interface Header {
 }
 
 // Vertices of the coarse mesh, about.
-const COARSE = 40_000;
+const COARSE = 20_000;
 
 /** Read the mesh of the route "shape". */
 export function meshOf(bytes: ArrayBuffer): BodyMesh {

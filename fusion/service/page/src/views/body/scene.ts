@@ -10,9 +10,10 @@ import type { BodyMesh } from "./mesh";
 import { linesOf, type Outline } from "./outlines";
 import { FRAGMENT, NOTHING, PICK_FRAGMENT, VERTEX } from "./shaders";
 
-// Above this time for a frame the coarse mesh is turned instead.
+// Above this time for a frame the coarse mesh is turned instead, with fewer pixels.
 const SLOW_MS = 40;
 const SETTLED_MS = 180;
+const ROUGH = 0.5;
 
 /** How a layer is drawn. */
 export interface Painted {
@@ -53,6 +54,8 @@ export class BodyScene {
   /** Milliseconds that a frame of the whole mesh takes; NaN before the second one. */
   cost = Number.NaN;
   private drawn = 0;
+  /** Drawn with fewer facets and pixels, as while turning on a slow machine. */
+  private rough = false;
   private look: Look = { longitude: 0, latitude: 0, width: 1 };
   private light: Vector3 | null = null;
   private asked = 0;
@@ -92,9 +95,11 @@ export class BodyScene {
   /** Look from elsewhere; while this goes on a slow machine draws fewer facets. */
   turn(look: Look): void {
     this.look = look;
-    if (this.cost > SLOW_MS && this.mesh.coarse.length < this.mesh.faces.length) this.geometry.setIndex(this.coarse);
+    this.rough = this.cost > SLOW_MS;
+    if (this.rough) this.geometry.setIndex(this.coarse);
     clearTimeout(this.settling);
     this.settling = window.setTimeout(() => {
+      this.rough = false;
       this.geometry.setIndex(this.full);
       this.draw();
     }, SETTLED_MS);
@@ -208,7 +213,7 @@ export class BodyScene {
 
   private fit(): void {
     const { clientWidth, clientHeight } = this.canvas;
-    const ratio = Math.min(2, devicePixelRatio);
+    const ratio = Math.min(2, devicePixelRatio) * (this.rough ? ROUGH : 1);
     const size = this.renderer.getSize(new Vector2());
     if (size.x === clientWidth && size.y === clientHeight && this.renderer.getPixelRatio() === ratio) return;
     this.renderer.setPixelRatio(ratio);

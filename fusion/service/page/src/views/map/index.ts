@@ -288,7 +288,9 @@ class MapPage {
 
   private setLine(line: [Point, Point] | null): void {
     const half = this.first.about.side_m / 2;
-    line = line && (line.map((point) => point.map((each) => Math.min(half, Math.max(-half, each)))) as [Point, Point]);
+    // The digits of the address: a link shows the same numbers.
+    const onGrid = (each: number): number => Number(rounded(Math.min(half, Math.max(-half, each))));
+    line = line && (line.map((point) => point.map(onGrid)) as [Point, Point]);
     this.line = line;
     this.setDrawing(false);
     this.tools.setLine(line);
