@@ -1,6 +1,6 @@
 // Bundles src/ into static/: scripts with a digest in their names, one style sheet, index.html.
 import { build } from "esbuild";
-import { mkdir, readFile, readdir, rename, rm, writeFile } from "node:fs/promises";
+import { mkdir, readdir, readFile, rename, rm, writeFile } from "node:fs/promises";
 import { basename, dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
@@ -9,7 +9,27 @@ const made = join(here, "static.new");
 await rm(made, { recursive: true, force: true });
 await mkdir(made);
 
+// Workers are files of their own; their addresses stand in the scripts as WORKER_NAME.
+const files = await readdir(join(here, "src"), { recursive: true });
+const workers = await build({
+  absWorkingDir: here,
+  entryPoints: files.filter((path) => path.endsWith(".worker.ts")).map((path) => join("src", path)),
+  outdir: made,
+  entryNames: "[name]-[hash]",
+  bundle: true,
+  format: "esm",
+  target: "es2022",
+  minify: true,
+  metafile: true,
+});
+const addresses = {};
+for (const [path, output] of Object.entries(workers.metafile.outputs)) {
+  const name = basename(output.entryPoint, ".worker.ts").toUpperCase();
+  addresses[`WORKER_${name}`] = JSON.stringify(`/static/${basename(path)}`);
+}
+
 const result = await build({
+  define: addresses,
   absWorkingDir: here,
   entryPoints: ["src/main.ts", "src/style.css"],
   outdir: made,
@@ -35,7 +55,8 @@ for (const [source, file] of Object.entries(entries)) index = index.replace(`{${
 await writeFile(join(made, "index.html"), index);
 
 // The licences of the libraries ask that their texts go with them.
-const inputs = Object.keys(result.metafile.inputs).map((path) => /node_modules\/((@[^/]+\/)?[^/]+)\//.exec(path)?.[1]);
+const sources = { ...workers.metafile.inputs, ...result.metafile.inputs };
+const inputs = Object.keys(sources).map((path) => /node_modules\/((@[^/]+\/)?[^/]+)\//.exec(path)?.[1]);
 let licences = "";
 for (const name of [...new Set(inputs.filter(Boolean))].sort()) {
   const folder = join(here, "node_modules", name);

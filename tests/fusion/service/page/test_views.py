@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
+from page_views import serious
 from playwright.sync_api import expect
 
-import fusion.service.page
-
-AXE = Path(fusion.service.page.__file__).parent / "node_modules/axe-core/axe.min.js"
 VIEWS = {
     "/": "Workspaces",
     "/ball/overview?list=maplets&show=returns,mapolas,images": "ball",
@@ -41,11 +38,7 @@ def test_views_are_accessible(page: Any, scheme: str) -> None:
     for address, heading in VIEWS.items():
         opened(page, address)
         expect(page.locator("h1")).to_have_text(heading)
-        page.evaluate(AXE.read_text(encoding="utf-8"))
-        for one in page.evaluate("axe.run()")["violations"]:
-            if one["impact"] in ("serious", "critical"):
-                nodes = [node["html"][:200] for node in one["nodes"]]
-                found.append((address, one["id"], nodes))
+        found += [(address, *fault) for fault in serious(page)]
     assert not found
 
 
