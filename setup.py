@@ -1,4 +1,4 @@
-"""Builds the page of the service into the wheel; all else about the package is in pyproject.toml."""
+"""Builds the page of the service into the wheel; the rest of the packaging is pyproject.toml."""
 
 import runpy
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Builds the page of the service from its sources: for scripts/page and for the wheel (setup.py)."""
+"""Builds the page of the service from its sources: for scripts/page, and for wheels (setup.py)."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ const result = await build({
   format: "esm",
   target: "es2022",
   minify: true,
-  legalComments: "linked",
+  legalComments: "none",
   metafile: true,
   logLevel: "warning",
 });
@@ -53,6 +53,18 @@ for (const [path, output] of Object.entries(result.metafile.outputs)) {
 let index = await readFile(join(here, "src", "index.html"), "utf8");
 for (const [source, file] of Object.entries(entries)) index = index.replace(`{${source}}`, file);
 await writeFile(join(made, "index.html"), index);
+
+// The licences of the libraries ask that their texts go with them.
+const sources = { ...workers.metafile.inputs, ...result.metafile.inputs };
+const inputs = Object.keys(sources).map((path) => /node_modules\/((@[^/]+\/)?[^/]+)\//.exec(path)?.[1]);
+let licences = "";
+for (const name of [...new Set(inputs.filter(Boolean))].sort()) {
+  const folder = join(here, "node_modules", name);
+  const file = (await readdir(folder)).find((one) => /^licen[sc]e/i.test(one));
+  if (!file) throw new Error(`${name} has no licence text`);
+  licences += `${name}\n\n${await readFile(join(folder, file), "utf8")}\n\n`;
+}
+await writeFile(join(made, "LICENSES.txt"), licences);
 
 // Swapped at the end: a build that fails leaves the page as it was.
 await rm(join(here, "static"), { recursive: true, force: true });

@@ -21,11 +21,12 @@ export function quantity(value: Value, unit: string, digits = 4): string {
   return known(value) ? `${number(value, digits)} ${unit}` : UNKNOWN;
 }
 
-/** Return a length in mm, m or km. */
+/** Return a length in µm, mm, m or km. */
 export function metres(value: Value, digits = 3): string {
   if (!known(value)) return UNKNOWN;
   const size = Math.abs(value);
   if (size >= 10_000) return quantity(value / 1000, "km", digits);
+  if (size < 1e-4 && size > 0) return quantity(value * 1e6, "µm", digits);
   if (size < 0.1 && size > 0) return quantity(value * 1000, "mm", digits);
   return quantity(value, "m", digits);
 }

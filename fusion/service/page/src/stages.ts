@@ -12,6 +12,10 @@ const TONES: Record<string, string> = {
   failed: "bad",
   rejected: "bad",
   cancelled: "quiet",
+  note: "quiet",
+  "in use": "busy",
+  complete: "good",
+  open: "busy",
 };
 
 /** Return names of stages in the order in which they run; unknown ones at the end. */

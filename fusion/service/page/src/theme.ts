@@ -2,7 +2,7 @@
 import { element } from "./dom";
 
 const KEY = "spcola-theme";
-const CHOICES = { system: "As the system", light: "Light", dark: "Dark" };
+const CHOICES = { system: "Theme: system", light: "Theme: light", dark: "Theme: dark" };
 
 /** Set the theme that the user has chosen; drawings that depend on it listen to "themechange". */
 export function applyTheme(): void {

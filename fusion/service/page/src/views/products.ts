@@ -64,7 +64,7 @@ async function releaseOf(workspace: string, signal: AbortSignal): Promise<Manife
   try {
     return await getJson<Manifest>(pathOf(workspace, "products"), { signal });
   } catch (error) {
-    if (error instanceof ApiProblem && error.status === 409) return "Nothing is released yet: run the stage release.";
+    if (error instanceof ApiProblem && [404, 409].includes(error.status)) return "Nothing is released yet: run the stage release.";
     throw error;
   }
 }

@@ -166,7 +166,10 @@ function differenceOf(found: Difference): HTMLElement {
 /** Return a small angle in degrees, arc seconds where it is small. */
 function angle(value: number | null): string {
   if (value === null) return "unknown";
-  return Math.abs(value) >= 0.1 ? degrees(value, 3) : `${number(value * 3600, 3)}″`;
+  const size = Math.abs(value);
+  if (size >= 0.1) return degrees(value, 3);
+  // Below lies the rounding of the files.
+  return size * 3600 < 1e-6 ? "below 0.000001″" : `${number(value * 3600, 3)}″`;
 }
 
 function vector(values: number[] | null, show: (value: number | null) => string): string {

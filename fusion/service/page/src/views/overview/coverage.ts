@@ -69,7 +69,7 @@ export async function showCoverage(root: HTMLElement, route: Route, signal: Abor
   showScale();
 
   function rest(): void {
-    fill(line, `${count(found.returns.returns)} returns, ${count(found.images.all)} images. A click on an outline opens its map.`);
+    fill(line, `${count(found.returns.returns)} returns, ${count(found.images.all)} images. A click near the middle of an outline opens its map.`);
   }
 
   function showScale(): void {
@@ -107,7 +107,10 @@ function key(layer: Layer): HTMLElement {
   context.lineWidth = 2;
   context.setLineDash(layer.dash ?? []);
   if (layer.kind) context.strokeRect(2, 1, 16, 8);
-  else cross(context, 10, 5);
+  else {
+    cross(context, 10, 5);
+    context.stroke();
+  }
   return made;
 }
 
@@ -130,11 +133,14 @@ function drawMap(canvas: HTMLCanvasElement, found: Coverage, shown: Set<string>,
   context.clip();
   for (const [name, layer] of Object.entries(LAYERS)) {
     if (!shown.has(name) || !layer.colour) continue;
-    context.strokeStyle = themed(layer.colour);
-    context.lineWidth = 1.5;
-    context.setLineDash(layer.dash ?? []);
-    if (layer.kind) drawOutlines(context, found[name as SurfaceLayer], at);
-    else drawPoints(context, found.images, at);
+    const path = layer.kind ? outlines(found[name as SurfaceLayer], at) : crosses(found.images, at);
+    // A border in the colour of the ground sets lines apart from the colours below them.
+    for (const [colour, width, dash] of [["--ground", 3.5, []], [layer.colour, 1.5, layer.dash ?? []]] as const) {
+      context.strokeStyle = themed(colour);
+      context.lineWidth = width;
+      context.setLineDash([...dash]);
+      context.stroke(path);
+    }
   }
   context.restore();
 }
@@ -193,27 +199,27 @@ function drawGraticule(context: CanvasRenderingContext2D, at: (point: Point) => 
   context.stroke();
 }
 
-function drawOutlines(context: CanvasRenderingContext2D, of: Footprints, at: (point: Point) => Point): void {
-  context.beginPath();
+function outlines(of: Footprints, at: (point: Point) => Point): Path2D {
+  const path = new Path2D();
   for (let k = 0; k < of.name.length; k++) {
     for (const part of unwrapped(outline(of, k))) {
-      part.forEach((point, n) => (n ? context.lineTo(...at(point)) : context.moveTo(...at(point))));
+      part.forEach((point, n) => (n ? path.lineTo(...at(point)) : path.moveTo(...at(point))));
     }
   }
-  context.stroke();
+  return path;
 }
 
-function drawPoints(context: CanvasRenderingContext2D, of: Coverage["images"], at: (point: Point) => Point): void {
-  of.name.forEach((_, k) => cross(context, ...at([of.longitude_deg[k]!, of.latitude_deg[k]!])));
+function crosses(of: Coverage["images"], at: (point: Point) => Point): Path2D {
+  const path = new Path2D();
+  of.name.forEach((_, k) => cross(path, ...at([of.longitude_deg[k]!, of.latitude_deg[k]!])));
+  return path;
 }
 
-function cross(context: CanvasRenderingContext2D, x: number, y: number): void {
-  context.beginPath();
-  context.moveTo(x - 3, y);
-  context.lineTo(x + 3, y);
-  context.moveTo(x, y - 3);
-  context.lineTo(x, y + 3);
-  context.stroke();
+function cross(path: Path2D | CanvasRenderingContext2D, x: number, y: number): void {
+  path.moveTo(x - 3, y);
+  path.lineTo(x + 3, y);
+  path.moveTo(x, y - 3);
+  path.lineTo(x, y + 3);
 }
 
 function project(canvas: HTMLCanvasElement, [longitude, latitude]: Point): Point {

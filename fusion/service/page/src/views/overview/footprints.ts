@@ -3,7 +3,8 @@ import type { Footprints } from "./values";
 
 export type Point = [longitude: number, latitude: number];
 
-const STEPS = 4;
+// Steps along a side: near the poles a side is a curve.
+const STEPS = 12;
 const DEG = Math.PI / 180;
 
 /** Return the outline of a square that faces away from the centre: closed, in degrees. */
