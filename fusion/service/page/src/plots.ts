@@ -66,7 +66,7 @@ export function bandPlot(
   const data: (number | null)[][] = [x];
   const series: uPlot.Series[] = [{ label: labels.x, value: (_, value) => (value === null ? "–" : number(value, 4)) }];
   const drawn: uPlot.Band[] = [];
-  for (const { label, y, sigma, colour } of bands) {
+  for (const [order, { label, y, sigma, colour }] of bands.entries()) {
     data.push(y);
     const shown = (at: number | null): string => {
       if (at === null || at === undefined) return "–";
@@ -74,7 +74,7 @@ export function bandPlot(
       return `${number(y[at], 4)}${spread ? ` ± ${number(spread, 2)}` : ""}`;
     };
     series.push({
-      label, stroke: () => themed(colour), width: 1.8, spanGaps: false, points: { show: false }, value: (_, __, ___, at) => shown(at),
+      label, stroke: () => themed(colour), width: 1.8, dash: order ? [8, 4] : undefined, spanGaps: false, points: { show: false }, value: (_, __, ___, at) => shown(at),
     });
     if (!sigma) continue;
     const k = data.length;
