@@ -12,7 +12,7 @@ from playwright.sync_api import sync_playwright
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "_static"
 SIZE = {"width": 1280, "height": 800}
-VIEWS = {"overview": "overview", "solutions": "solutions", "jobs": "jobs"}
+VIEWS = {"overview": "overview", "products": "products"}
 """Names of pictures, and views of the first workspace."""
 
 
