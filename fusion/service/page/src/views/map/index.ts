@@ -151,6 +151,7 @@ class MapPage {
     );
     fill(this.chart, this.target, this.bar.root, this.buttons(), this.north());
     fill(this.root, panel, element("div", { class: "stage column" }, this.chart, this.values, this.profile.root));
+    this.showValues(this.first, null);
   }
 
   private choices(): HTMLElement {
@@ -317,27 +318,25 @@ class MapPage {
     }
   }
 
+  /** Show values; dashes outside the surface, so that the page does not move. */
   private showValues(surface: Surface, found: PointValues | null): void {
     const { kind, name, layers } = surface.about;
-    if (!found) {
-      fill(this.values, element("p", { class: "quiet" }, "Outside the surface."));
-      return;
-    }
-    const item = (title: string, text: string, key = ""): HTMLElement =>
-      element("div", key ? { "data-layer": key } : {}, element("dt", {}, title), element("dd", {}, text));
-    const shown = layers.filter((each) => each.name in found.layers);
+    const item = (title: string, text: string | null, key = ""): HTMLElement =>
+      element("div", key ? { "data-layer": key } : {}, element("dt", {}, title), element("dd", {}, text ?? "–"));
+    const shown = layers.filter((each) => each.name !== "hillshade");
     fill(
       this.values,
       element(
         "dl",
         { "aria-label": `Values of ${kind} ${name}` },
-        item("Surface", `${kind} ${name}`),
-        item("x, y", `${metres(found.x_m)}, ${metres(found.y_m)}`),
-        item("Longitude, latitude", `${degrees(found.longitude_deg, 3)} E, ${degrees(found.latitude_deg, 3)}`),
-        item("Radius", metres(found.radius_m, 6)),
-        ...shown.map((each) => item(titleOf(each.name), worded(each, found.layers[each.name]), each.name)),
+        item("Surface", found ? `${kind} ${name}` : "none here"),
+        item("x, y", found && `${metres(found.x_m)}, ${metres(found.y_m)}`),
+        item("Longitude, latitude", found && `${degrees(found.longitude_deg, 3)} E, ${degrees(found.latitude_deg, 3)}`),
+        item("Radius", found && metres(found.radius_m, 6)),
+        ...shown.map((each) => item(titleOf(each.name), found && worded(each, found.layers[each.name]), each.name)),
       ),
     );
+    this.values.style.minHeight = `${this.values.offsetHeight}px`;
   }
 
   private say(error: unknown): void {
