@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
 
 import typer
 
 from fusion.cli.camera_files import convert
-from fusion.cli.options import JsonOption, with_shared_options
+from fusion.cli.options import JsonOption, PanelCommand, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
 from spcola.errors import NotObservableError, RejectedResultError, SettingsError
@@ -26,6 +26,42 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
+
+
+@dataclass(frozen=True)
+class SolvedOptions:
+    """Options that choose what is solved."""
+
+    panel: ClassVar[str] = "What is solved"
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="MODEL", help="Distortion to solve; the file's if not given: owen, brown, …"
+        ),
+    ] = ""
+    k_matrix: Annotated[
+        bool, typer.Option("--k-matrix/--no-k-matrix", help="Solve Kxy and Kyy; Kxx is fixed.")
+    ] = True
+    center: Annotated[
+        bool,
+        typer.Option("--center", help="Solve the centre too: needs attitudes with a sigma."),
+    ] = False
+    distortion: Annotated[
+        bool, typer.Option("--distortion/--no-distortion", help="Solve the distortion.")
+    ] = True
+
+
+@dataclass(frozen=True)
+class MatchingOptions:
+    """Options of the identification of stars."""
+
+    panel: ClassVar[str] = "Identification of stars"
+    search_px: Annotated[
+        float, typer.Option(metavar="PX", min=1.0, max=1e4, help="Error of the attitudes, pixels.")
+    ] = 50.0
+    match_px: Annotated[
+        float, typer.Option(metavar="PX", min=0.1, max=1e3, help="Error of the nominal camera.")
+    ] = 3.0
 
 
 def calibrate(
@@ -57,28 +93,8 @@ def calibrate(
     name: Annotated[
         str, typer.Option(metavar="NAME", help="The camera, if the file has several.")
     ] = "",
-    model: Annotated[
-        str,
-        typer.Option(
-            metavar="MODEL", help="Distortion to solve; the file's if not given: owen, brown, …"
-        ),
-    ] = "",
-    k_matrix: Annotated[
-        bool, typer.Option("--k-matrix/--no-k-matrix", help="Solve Kxy and Kyy; Kxx is fixed.")
-    ] = True,
-    center: Annotated[
-        bool,
-        typer.Option("--center", help="Solve the centre too: needs attitudes with a sigma."),
-    ] = False,
-    distortion: Annotated[
-        bool, typer.Option("--distortion/--no-distortion", help="Solve the distortion.")
-    ] = True,
-    search_px: Annotated[
-        float, typer.Option(metavar="PX", min=1.0, max=1e4, help="Error of the attitudes, pixels.")
-    ] = 50.0,
-    match_px: Annotated[
-        float, typer.Option(metavar="PX", min=0.1, max=1e3, help="Error of the nominal camera.")
-    ] = 3.0,
+    solving: SolvedOptions = SolvedOptions(),
+    matching: MatchingOptions = MatchingOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate a camera from stars: focal length, K-matrix, distortion and attitudes.
@@ -93,11 +109,11 @@ def calibrate(
     from spcola.formats.cameras import write_cameras
 
     nominal = _nominal(camera, name)
-    start = _started(nominal.camera, model)
-    frames, left_out = _frames(
-        start, catalogue, attitudes, stars, search_px=search_px, match_px=match_px
+    start = _started(nominal.camera, solving.model)
+    frames, left_out = _frames(start, catalogue, attitudes, stars, **asdict(matching))
+    parameters = solved_parameters(
+        start, k_matrix=solving.k_matrix, center=solving.center, distortion=solving.distortion
     )
-    parameters = solved_parameters(start, k_matrix=k_matrix, center=center, distortion=distortion)
     solved = solve(frames, start, parameters)
     if not solved.converged:
         raise RejectedResultError(
@@ -276,9 +292,10 @@ def _lines(content: dict[str, Any]) -> list[str]:
 
 app.command(
     "calibrate",
+    cls=PanelCommand,
     epilog="Example: spcola camera calibrate nac.toml --catalogue tycho.csv --attitudes "
     "cruise.csv --stars stars.csv -o nac_calibrated.toml",
-)(guarded(calibrate))
+)(guarded(with_shared_options(calibrate)))
 app.command(
     "convert",
     epilog="Example: spcola camera convert orx_ocams_v07.ti orex_ocams_addendum_v10.ti "
