@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "_static"
 SIZE = {"width": 1280, "height": 800}
-VIEWS = {"overview": "overview", "solutions": "solutions", "jobs": "jobs"}
-"""Names of pictures, and views of the first workspace."""
+VIEWS = ("overview", "body", "map", "registration", "scale")
 
 
 def main(folder: Path) -> None:
@@ -38,12 +39,15 @@ def draw(browser: str, url: str) -> None:
         page = started.new_page(viewport=SIZE, base_url=url)
         page.goto("/")
         name = page.locator("tbody a").first.text_content()
-        for picture, view in VIEWS.items():
+        for view in VIEWS:
             page.goto("about:blank")
             page.goto(f"/#/{name}/{view}")
             page.wait_for_selector(".view:not([aria-busy])")
-            page.screenshot(path=PICTURES / f"page_{picture}.png")
-            print(f"docs/_static/page_{picture}.png")
+            page.wait_for_timeout(1500)  # tiles and curves come after the view itself
+            file = PICTURES / f"page_{view}.webp"
+            with Image.open(io.BytesIO(page.screenshot())) as shot:
+                shot.convert("RGB").save(file, quality=88, method=6)
+            print(f"docs/_static/page_{view}.webp")
 
 
 def _url(server: subprocess.Popen[str]) -> str:

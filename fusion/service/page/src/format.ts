@@ -45,6 +45,11 @@ export function partsPerMillion(value: Value, sigma?: Value): string {
   return known(value) ? withSigma(value * 1e6, known(sigma) ? sigma * 1e6 : undefined, "ppm") : UNKNOWN;
 }
 
+/** Return a number with so many decimals, as columns have it whose title has the unit. */
+export function fixed(value: Value, decimals: number): string {
+  return known(value) ? minus(value.toFixed(decimals)) : UNKNOWN;
+}
+
 /** Return an angle in degrees. */
 export function degrees(value: Value, decimals = 2): string {
   return known(value) ? `${minus(value.toFixed(decimals))}°` : UNKNOWN;

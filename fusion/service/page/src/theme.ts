@@ -2,7 +2,7 @@
 import { element } from "./dom";
 
 const KEY = "spcola-theme";
-const CHOICES = { system: "Theme: system", light: "Theme: light", dark: "Theme: dark" };
+const CHOICES = { system: "System", light: "Light", dark: "Dark" };
 
 /** Set the theme that the user has chosen; drawings that depend on it listen to "themechange". */
 export function applyTheme(): void {
@@ -18,7 +18,7 @@ export function themeSwitch(): HTMLElement {
   const select = element(
     "select",
     {
-      "aria-label": "Colours of the page",
+      "aria-label": "Theme",
       onchange: () => {
         localStorage.setItem(KEY, select.value);
         applyTheme();

@@ -131,17 +131,19 @@ function drawMap(canvas: HTMLCanvasElement, found: Coverage, shown: Set<string>,
   const [[left, top], [right, bottom]] = [at([0, 90]), at([360, -90])];
   context.rect(left, top, right - left, bottom - top);
   context.clip();
-  for (const [name, layer] of Object.entries(LAYERS)) {
-    if (!shown.has(name) || !layer.colour) continue;
-    const path = layer.kind ? outlines(found[name as SurfaceLayer], at) : crosses(found.images, at);
-    // A border in the colour of the ground sets lines apart from the colours below them.
-    for (const [colour, width, dash] of [["--ground", 3.5, []], [layer.colour, 1.5, layer.dash ?? []]] as const) {
-      context.strokeStyle = themed(colour);
-      context.lineWidth = width;
-      context.setLineDash([...dash]);
-      context.stroke(path);
-    }
-  }
+  const drawn = Object.entries(LAYERS).filter(([name, layer]) => shown.has(name) && layer.colour);
+  const paths = drawn.map(([name, layer]) => (layer.kind ? outlines(found[name as SurfaceLayer], at) : crosses(found.images, at)));
+  // A border in the colour of the ground sets lines apart from the colours below them.
+  context.strokeStyle = themed("--ground");
+  context.lineWidth = 3.5;
+  context.setLineDash([]);
+  paths.forEach((path) => context.stroke(path));
+  context.lineWidth = 1.5;
+  drawn.forEach(([, layer], k) => {
+    context.strokeStyle = themed(layer.colour!);
+    context.setLineDash(layer.dash ?? []);
+    context.stroke(paths[k]!);
+  });
   context.restore();
 }
 

@@ -1,7 +1,7 @@
 // What the workspace contains, list by list and page by page.
 import { ask, nextOf, pathOf } from "../../api";
 import { element, fill } from "../../dom";
-import { count, degrees, metres, number, partsPerMillion } from "../../format";
+import { count, fixed } from "../../format";
 import { hrefOf, keepInAddress, type Route } from "../../router";
 import { table, type Column } from "../../table";
 import type { Overview } from "./values";
@@ -83,12 +83,13 @@ function numeric(title: string, key: string, show: (value: number | null) => str
   return { title, number: true, by: (item) => value(item, key), cell: (item) => (item.problem ? "" : show(value(item, key))) };
 }
 
-const PLACE: Column<Item>[] = [
-  numeric("East longitude", "longitude_deg", (v) => degrees(v)),
-  numeric("Latitude", "latitude_deg", (v) => degrees(v)),
-  numeric("Radius", "radius_m", (v) => metres(v, 5)),
-];
-const GRID: Column<Item>[] = [...PLACE, numeric("Side", "side_m", (v) => metres(v)), numeric("GSD", "gsd_m", (v) => metres(v))];
+/** Return a column of numbers in one unit, which its title has. */
+function inUnit(title: string, key: string, decimals: number, factor = 1): Column<Item> {
+  return numeric(title, key, (v) => fixed(v === null ? v : v * factor, decimals));
+}
+
+const PLACE: Column<Item>[] = [inUnit("East longitude (°)", "longitude_deg", 2), inUnit("Latitude (°)", "latitude_deg", 2)];
+const GRID: Column<Item>[] = [...PLACE, inUnit("Radius (m)", "radius_m", 2), inUnit("Side (m)", "side_m", 2), inUnit("GSD (m)", "gsd_m", 3)];
 
 /** Return the columns of a list; names of surfaces lead to their maps. */
 function columnsOf(kind: Kind, workspace: string): Column<Item>[] {
@@ -130,21 +131,20 @@ const COLUMNS: Record<Kind, Column<Item>[]> = {
     { title: "Time (UTC)", by: (item) => text(item, "utc"), cell: (item) => text(item, "utc") },
     { title: "Size", cell: (item) => (item.pixels ? `${String(item.pixels)} × ${String(item.lines)}` : "") },
     numeric("Landmarks", "landmarks", count),
-    numeric("Distance", "distance_m", (v) => metres(v, 4)),
-    numeric("East longitude", "longitude_deg", (v) => degrees(v)),
-    numeric("Latitude", "latitude_deg", (v) => degrees(v)),
+    inUnit("Distance (m)", "distance_m", 1),
+    ...PLACE,
     { title: "Pixels", by: (item) => String(item.has_pixels), cell: (item) => (item.has_pixels ? "there" : "none") },
   ],
   maplets: GRID,
-  mapolas: [...GRID, numeric("Coverage", "coverage", (v) => (v === null ? "unknown" : `${(100 * v).toFixed(0)} %`)), numeric("Returns", "returns", count)],
+  mapolas: [...GRID, inUnit("Coverage (%)", "coverage", 1, 100), numeric("Returns", "returns", count)],
   fused: GRID,
   bigmaps: GRID,
   pairs: [
-    numeric("ε", "epsilon", (v) => partsPerMillion(v)),
-    numeric("Range", "range_m", (v) => metres(v, 4)),
-    numeric("dx", "dx_m", (v) => metres(v)),
-    numeric("dy", "dy_m", (v) => metres(v)),
-    numeric("Correlation", "correlation", (v) => number(v, 3)),
+    inUnit("ε (ppm)", "epsilon", 1, 1e6),
+    inUnit("Range (m)", "range_m", 1),
+    inUnit("dx (m)", "dx_m", 3),
+    inUnit("dy (m)", "dy_m", 3),
+    inUnit("Correlation", "correlation", 3),
     { title: "Used", by: (item) => String(item.used), cell: (item) => (item.used === undefined ? "" : item.used ? "yes" : "rejected") },
   ],
 };
