@@ -14,7 +14,7 @@ from fusion.service.api.answers import accepted, json_answer, tagged
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.store import Scope
-from fusion.service.views.body import mesh_bytes, shape_mesh, vertex_layer
+from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
     provenance,
     run_list,
@@ -148,6 +148,13 @@ def shape(
     with opened_for(request, workspace, solution) as opened:
         body = mesh_bytes(shape_mesh(opened, facets, cache=cache))
     return tagged(request, body, _BYTES)
+
+
+@routes.add("GET", "/shape/layers", READ)
+def layers_of_shape(request: Request, workspace: str, solution: Solution = "") -> Response:
+    """List the layers on the shape, and of which kind of surface each one is taken."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, {"layers": shape_layers(opened)})
 
 
 @routes.add("GET", "/shape/layers/{layer}", READ, responses={200: {"content": {_BYTES: {}}}})

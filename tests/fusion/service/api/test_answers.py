@@ -123,6 +123,13 @@ def test_surfaces_as_numbers_pictures_and_values(client: AsgiClient) -> None:
     assert client.get(f"{MAPLET}/profile?from=0&to=0,1").status_code == 422
     listed = client.get("/api/v1/workspaces/ball/surfaces").json()
     assert listed == {"surfaces": [{"kind": "maplet", "name": "AA0001"}]}
+    assert about["same_place"] == listed["surfaces"]
+    around = client.get("/api/v1/workspaces/ball/outlines?kind=maplet").json()
+    assert (around["name"], around["side_m"]) == (["AA0001"], pytest.approx([12.0]))
+    layers = client.get("/api/v1/workspaces/ball/shape/layers").json()["layers"]
+    assert {each["name"]: each["of"] for each in layers} == dict.fromkeys(
+        ("albedo", "sigma"), "maplet"
+    )
 
 
 def test_tables_have_the_form_that_is_accepted(client: AsgiClient) -> None:
