@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +27,7 @@ from spcola.errors import SettingsError, WorkspaceError
 
 if TYPE_CHECKING:
     from fusion.service.store import Store, Token
+    from fusion.service.upkeep import ServiceSettings
     from fusion.service.work import Supervisor
 
 STATE_FOLDER = ".service"
@@ -44,6 +47,15 @@ StoreOption = Annotated[
         envvar="SPCOLA_STORE",
         help="Where jobs, tokens and the audit log are: postgresql://USER@HOST/NAME; by default "
         "SQLite in DIR/.service. Give a password in the variable SPCOLA_STORE, not here.",
+    ),
+]
+TelemetryOption = Annotated[
+    str,
+    typer.Option(
+        metavar="URL",
+        envvar="OTEL_EXPORTER_OTLP_ENDPOINT",
+        help="Collector of OpenTelemetry (OTLP over HTTP) for spans of requests, jobs, stages and "
+        "items, as http://127.0.0.1:4318; needs spcola[telemetry].",
     ),
 ]
 WorkerCount = Annotated[int, typer.Option(metavar="N", min=0, max=256, help="Worker processes.")]
@@ -93,13 +105,16 @@ def start(
     workers: WorkerCount = 1,
     store: StoreOption = "",
     cluster: ClusterOption = "",
+    telemetry: TelemetryOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Serve a folder until SIGTERM or Ctrl-C; running items are finished then."""
     from fusion.service.api import Entrance, Service, listening, run_server
+    from fusion.service.upkeep import Cleaner
     from fusion.service.work import start_log
 
-    with _alone(folder) as state, _opened(folder, store) as opened:
+    with _alone(folder) as state, _traced(telemetry, "server"), _opened(folder, store) as opened:
+        settings = _settings(folder)
         _record_recovered(opened, folder)
         entrance = Entrance.of(host, tuple(name or ()))
         listener = listening(host, port)
@@ -111,12 +126,16 @@ def start(
             lines.append(f"nobody has a token yet: spcola serve token add {folder} USER")
         start_log(state / "logs", "server")
         crew = _supervisor(folder, store, workers, cluster, opened)
+        service = Service(folder, opened, settings.limits, crew=crew)
         crew.start()
         try:
-            service = Service(folder, opened)
-            run_server(
-                service, entrance, listener, started=lambda: show(content, lines, as_json=as_json)
-            )
+            with Cleaner(service, state / "logs", settings.keep):
+                run_server(
+                    service,
+                    entrance,
+                    listener,
+                    started=lambda: show(content, lines, as_json=as_json),
+                )
         finally:
             crew.stop()
 
@@ -126,13 +145,23 @@ def worker(
     workers: WorkerCount = 1,
     store: StoreOption = "",
     cluster: ClusterOption = "",
+    telemetry: TelemetryOption = "",
 ) -> None:
     """Run workers alone, as on further hosts with the same folder and a PostgreSQL store."""
     from fusion.service.work import start_log
 
-    with _opened(folder, store) as opened:
+    with _traced(telemetry, "workers"), _opened(folder, store) as opened:
         start_log(folder / STATE_FOLDER / "logs", "workers")
         _supervisor(folder, store, workers, cluster, opened).run()
+
+
+def settings(folder: FolderArgument, as_json: JsonOption = False) -> None:
+    """Print the settings of a service, also those that its file does not give."""
+    from fusion.service.upkeep import settings_text
+
+    found = _settings(folder)
+    lines = settings_text(found).rstrip().splitlines()
+    show({"settings": asdict(found)}, lines, as_json=as_json)
 
 
 def backup(
@@ -232,19 +261,43 @@ def _alone(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _opened(folder: Path, store: str) -> Iterator[Store]:
-    try:
-        from fusion.service.store import Store
-    except ImportError as error:
-        raise SettingsError(
-            "needs further packages", "spcola serve", "install them: pip install 'spcola[service]'"
-        ) from error
+    _require_packages()
+    from fusion.service.store import Store
+
     with Store(store or _state_folder(folder) / "store.sqlite") as opened:
         yield opened
 
 
+def _require_packages() -> None:
+    if not all(map(find_spec, ("sqlalchemy", "fastapi", "uvicorn", "structlog"))):
+        raise SettingsError(
+            "needs further packages", "spcola serve", "install them: pip install 'spcola[service]'"
+        )
+
+
+@contextmanager
+def _traced(telemetry: str, name: str) -> Iterator[None]:
+    """Send spans to a collector meanwhile, if one is named."""
+    from fusion.service.tracing import COLLECTOR_VARIABLE, start_tracing
+
+    if telemetry:
+        # Workers have it from here.
+        os.environ[COLLECTOR_VARIABLE] = telemetry
+    with start_tracing(name):
+        yield
+
+
+def _settings(folder: Path) -> ServiceSettings:
+    _require_packages()
+    from fusion.service.upkeep import SETTINGS_NAME, read_settings
+
+    return read_settings(_state_folder(folder) / SETTINGS_NAME)
+
+
 def _state_folder(folder: Path) -> Path:
     if not folder.is_dir():
-        raise WorkspaceError("is not a folder", folder, "create it")
+        do = "give a folder" if folder.exists() else "create it"
+        raise WorkspaceError("is not a folder", folder, do)
     return folder.resolve() / STATE_FOLDER
 
 
@@ -252,7 +305,11 @@ def _supervisor(folder: Path, store: str, count: int, cluster: str, opened: Stor
     from fusion.runtime import usable_cores
     from fusion.service.work import Supervisor, WorkOptions, worker_command
 
-    options = WorkOptions(threads=max(1, usable_cores() // max(1, count)), cluster=cluster)
+    options = WorkOptions(
+        threads=max(1, usable_cores() // max(1, count)),
+        cluster=cluster,
+        limits=_settings(folder).parsers,
+    )
     place = store or _state_folder(folder) / "store.sqlite"
     command = worker_command(folder.resolve(), place, options)
     return Supervisor(command, count, lost=opened.lost)
@@ -281,6 +338,7 @@ def _token_line(token: Token) -> str:
 _COMMANDS = (
     (app, "start", start, "spcola serve missions --port 8080 --workers 2"),
     (app, "worker", worker, "spcola serve worker missions --store postgresql://spcola@db/spcola"),
+    (app, "settings", settings, "spcola serve settings missions"),
     (app, "backup", backup, "spcola serve backup missions store-2026-11-23.sqlite"),
     (app, "restore", restore, "spcola serve restore missions store-2026-11-23.sqlite"),
     (tokens, "add", token_add, "spcola serve token add missions anna --scope run --days 90"),
