@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -115,29 +116,25 @@ def start(
 
     with _alone(folder) as state, _traced(telemetry, "server"), _opened(folder, store) as opened:
         settings = _settings(folder)
-        _record_recovered(opened, folder)
         entrance = Entrance.of(host, tuple(name or ()))
-        listener = listening(host, port)
-        bound = listener.getsockname()[1]
-        url = f"http://{f'[{host}]' if ':' in host else host}:{bound}/"
-        content = {"url": url, "folder": folder.resolve(), "workers": workers}
-        lines = [f"serving {folder} at {url} with {workers} workers; end with Ctrl-C"]
-        if entrance.token_needed and not opened.tokens.all():
-            lines.append(f"nobody has a token yet: spcola serve token add {folder} USER")
         start_log(state / "logs", "server")
-        crew = _supervisor(folder, store, workers, cluster, opened)
-        service = Service(folder, opened, settings.limits, crew=crew)
-        crew.start()
-        try:
-            with Cleaner(service, state / "logs", settings.keep):
-                run_server(
-                    service,
-                    entrance,
-                    listener,
-                    started=lambda: show(content, lines, as_json=as_json),
-                )
-        finally:
-            crew.stop()
+        _record_recovered(opened, folder)
+        with listening(host, port) as listener:
+            bound = listener.getsockname()[1]
+            url = f"http://{f'[{host}]' if ':' in host else host}:{bound}/"
+            content = {"url": url, "folder": folder.resolve(), "workers": workers}
+            lines = [f"serving {folder} at {url} with {workers} workers; end with Ctrl-C"]
+            if entrance.token_needed and not opened.tokens.all():
+                lines.append(f"nobody has a token yet: spcola serve token add {folder} USER")
+            crew = _supervisor(folder, store, workers, cluster, opened)
+            service = Service(folder, opened, settings.limits, crew=crew)
+            started = partial(show, content, lines, as_json=as_json)
+            crew.start()
+            try:
+                with Cleaner(service, state / "logs", settings.keep):
+                    run_server(service, entrance, listener, started=started)
+            finally:
+                crew.stop()
 
 
 def worker(

@@ -53,7 +53,8 @@ class JobReport(Progress):
 
     def item_done(self, run: ItemRun) -> None:
         """Log an item, and what became of it; from any thread."""
-        about = {"job": self._job.id, "stage": self.stage, "item": run.name}
+        task = "" if self._task is None else self._task.title
+        about = {"job": self._job.id, "stage": self.stage, "task": task, "item": run.name}
         seconds = round(run.seconds, 3)
         if run.deaths or run.error:
             deaths = list(run.deaths)
