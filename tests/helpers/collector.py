@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import import_module
 from threading import Thread
 from typing import Any
 
@@ -69,9 +70,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _spans(body: bytes) -> Iterator[Received]:
-    from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
-
-    for resource in ExportTraceServiceRequest.FromString(body).resource_spans:
+    messages = import_module("opentelemetry.proto.collector.trace.v1.trace_service_pb2")
+    for resource in messages.ExportTraceServiceRequest.FromString(body).resource_spans:
         about = _attributes(resource.resource.attributes)
         for scope in resource.scope_spans:
             for span in scope.spans:

@@ -16,7 +16,7 @@ from fusion.runtime import Executor, json_value
 from fusion.runtime.children import ProcessExecutor
 from fusion.runtime.processes import limited_memory
 from fusion.service.jobs import Job, JobError, JobQueue
-from fusion.service.store import LeaseLostError, Upload
+from fusion.service.store import LeaseLostError, UnknownJobError, Upload
 from fusion.service.work.kinds import UPLOADED, Assignment, perform_job
 from fusion.service.work.lease import Lease
 from fusion.service.work.logs import log
@@ -232,8 +232,8 @@ class _Worker:
         for number in range(_RECORD_TRIES):
             try:
                 change()
-            except LeaseLostError:
-                log.warning("the job belongs to another worker by now")
+            except (LeaseLostError, UnknownJobError):
+                log.warning("the job belongs to another worker by now, or is no more")
             except Exception as error:
                 log.warning("the outcome was not recorded", error=str(error))
                 self._beat()

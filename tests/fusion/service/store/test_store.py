@@ -8,6 +8,7 @@ import stat
 from contextlib import closing
 from pathlib import Path
 
+import psycopg
 import pytest
 from sqlalchemy import inspect, text
 
@@ -158,6 +159,14 @@ def test_a_store_of_the_first_version_is_read(store: Store, folder: Path) -> Non
         check_version_1(old)
     store.restore(version_1(folder / "old_backup.sqlite"))
     check_version_1(store)
+
+
+def test_a_first_version_on_a_server_is_read(new_database, folder: Path) -> None:
+    url = new_database()
+    with psycopg.connect(url) as server:
+        server.execute(VERSION_1.with_suffix(".postgresql.sql").read_bytes())
+    with Store(url, backups=folder) as old:
+        check_version_1(old)
 
 
 def test_an_older_store_is_upgraded_after_a_backup(new_url, folder: Path, monkeypatch) -> None:
