@@ -259,9 +259,12 @@ def _alone(folder: Path) -> Iterator[Path]:
 @contextmanager
 def _opened(folder: Path, store: str) -> Iterator[Store]:
     _require_packages()
+    from fusion.runtime.folders import make_folder
     from fusion.service.store import Store
 
-    with Store(store or _state_folder(folder) / "store.sqlite") as opened:
+    state = _state_folder(folder)
+    make_folder(state)
+    with Store(store or state / "store.sqlite", backups=state) as opened:
         yield opened
 
 
