@@ -247,11 +247,10 @@ def token_revoke(
 @contextmanager
 def _alone(folder: Path) -> Iterator[Path]:
     """Let no second service work on a folder meanwhile; yield the folder of its state."""
-    from fusion.runtime.folders import locked, make_folder
+    from fusion.runtime.folders import locked
     from fusion.runtime.folders.lock import BusyError
 
-    state = _state_folder(folder)
-    make_folder(state)
+    state = _made_state_folder(folder)
     with ExitStack() as lock:
         try:
             lock.enter_context(locked(state / _LOCK_FILE))
@@ -264,11 +263,9 @@ def _alone(folder: Path) -> Iterator[Path]:
 @contextmanager
 def _opened(folder: Path, store: str) -> Iterator[Store]:
     _require_packages()
-    from fusion.runtime.folders import make_folder
     from fusion.service.store import Store
 
-    state = _state_folder(folder)
-    make_folder(state)
+    state = _made_state_folder(folder)
     with Store(store or state / "store.sqlite", backups=state) as opened:
         yield opened
 
@@ -304,6 +301,17 @@ def _state_folder(folder: Path) -> Path:
         do = "give a folder" if folder.exists() else "create it"
         raise WorkspaceError("is not a folder", folder, do)
     return folder.resolve() / STATE_FOLDER
+
+
+def _made_state_folder(folder: Path) -> Path:
+    """Return the folder of the service's state; it is made for the eyes of its user only."""
+    from fusion.runtime.folders import make_folder
+
+    state = _state_folder(folder)
+    if not state.exists():
+        make_folder(state)
+        state.chmod(0o700)
+    return state
 
 
 def _supervisor(folder: Path, store: str, count: int, cluster: str, opened: Store) -> Supervisor:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import socket
+import stat
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -81,6 +82,7 @@ def test_spans_logs_and_metrics_of_a_run(
     (begun,) = [line for line in lines_of(folder) if line.get("text") == "mapolas begins"]
     assert (begun["stage"], begun["job"], begun["workspace"]) == ("mapolas", job, "ball")
 
+    assert stat.S_IMODE((folder / ".service").stat().st_mode) == 0o700
     values = dict(re.findall(r"^(spcola_\S+) (\S+)$", metrics, re.M))
     for name, value in {
         'spcola_jobs_ended_total{outcome="finished"}': 1,

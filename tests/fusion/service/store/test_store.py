@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psycopg
 import pytest
+from command_line import called
 from sqlalchemy import inspect, text
 
 from fusion.pipeline.catalog.records import StageRecord
@@ -165,7 +166,9 @@ def test_a_first_version_on_a_server_is_read(new_database, folder: Path) -> None
     url = new_database()
     with psycopg.connect(url) as server:
         server.execute(VERSION_1.with_suffix(".postgresql.sql").read_bytes())
-    with Store(url, backups=folder) as old:
+    (listed,) = called("serve", "token", "list", folder, "--store", url)["tokens"]
+    assert listed["scopes"]
+    with Store(url) as old:
         check_version_1(old)
 
 
