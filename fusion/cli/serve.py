@@ -282,11 +282,14 @@ def _traced(telemetry: str, name: str) -> Iterator[None]:
     """Send spans to a collector meanwhile, if one is named."""
     from fusion.service.tracing import COLLECTOR_VARIABLE, start_tracing
 
-    if telemetry:
-        # Workers have it from here.
-        os.environ[COLLECTOR_VARIABLE] = telemetry
-    with start_tracing(name):
-        yield
+    former = os.environ.get(COLLECTOR_VARIABLE, "")
+    # Workers have it from here.
+    os.environ[COLLECTOR_VARIABLE] = telemetry
+    try:
+        with start_tracing(name):
+            yield
+    finally:
+        os.environ[COLLECTOR_VARIABLE] = former
 
 
 def _settings(folder: Path) -> ServiceSettings:

@@ -18,8 +18,6 @@ from command_line import ROOT, called, refused
 from served import MAPLETS
 from server_process import ServerProcess, wait_for
 
-from fusion.service.tracing import COLLECTOR_VARIABLE
-
 
 @pytest.fixture
 def folder(ball: Path, tmp_path: Path) -> Path:
@@ -137,7 +135,6 @@ def test_what_cannot_be_started_is_said_in_one_line(
     assert "check --host" in line("--host", "203.0.113.9")
     assert "is no name of a host" in line("--name", "http://spc.example/")
     assert "is no URL of a collector" in line("--telemetry", "localhost:4318")
-    monkeypatch.delenv(COLLECTOR_VARIABLE)
     assert "check that PostgreSQL runs" in line("--store", "postgresql://u:word@127.0.0.1:1/none")
     assert "word" not in line("--store", "postgresql://u:word@127.0.0.1:1/none")
     assert "give a folder" in refused("serve", folder / "ball" / "spcola.toml")
