@@ -144,7 +144,7 @@ class SqlQueue:
                 return None
             take_turn(connection, row.owner)
             begun = {"begun": now, "tries": row.tries + 1, "worker": worker, "lease_s": lease_s}
-            beat = {"beat": row.beat + 1, "renewals": 0, "progress": stored({})}
+            beat = {"beat": row.beat + 1, "progress": stored({})}
             set_state(connection, row, JobState.RUNNING, now, **begun, **beat)
             return job_of(row_of(connection, row.id))
 
@@ -159,7 +159,7 @@ class SqlQueue:
         with self._database.writing() as connection:
             row = _leased(connection, identity, worker)
             content = stored(asdict(progress))
-            beat = {"beat": row.beat + 1, "renewals": row.renewals + 1, "lease_s": lease_s}
+            beat = {"beat": row.beat + 1, "lease_s": lease_s}
             update = JOB.update().where(JOB.c.number == row.number)
             connection.execute(update.values(progress=content, **beat))
             if progress_of(row.progress) != progress and content != row.progress:

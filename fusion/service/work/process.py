@@ -21,6 +21,7 @@ from fusion.service.work.places import STATE_FOLDER
 from fusion.service.work.worker import work
 
 STORE_VARIABLE = "SPCOLA_STORE"
+_NICE = 10
 
 
 def worker_command(folder: Path, store: str | Path, options: WorkOptions) -> list[str]:
@@ -83,6 +84,8 @@ def main(arguments: list[str]) -> None:
             os.write(int(beats), b".")
 
     os.set_blocking(int(beats), False)
+    # Where all cores are busy with jobs, people who ask come first.
+    os.nice(_NICE)
     store = given["store"] or os.environ[STORE_VARIABLE]
     run_worker(Path(given["folder"]), store, options, name=name, beat=beat)
 

@@ -25,12 +25,17 @@ class JobReport(Progress):
     job : Job
     note : callable
         Takes each line of the log.
+    counts_stages : bool
+        Whether a stage that ended is not run again by the next worker.
     """
 
-    def __init__(self, job: Job, note: Callable[[str], None]) -> None:
+    def __init__(
+        self, job: Job, note: Callable[[str], None], *, counts_stages: bool = False
+    ) -> None:
         super().__init__("silent")
-        self._job, self._note = job, note
+        self._job, self._note, self._counts_stages = job, note, counts_stages
         self._task: Task | None = None
+        self._kept = 0
         request = job.request
         about = {"job": job.id, "workspace": request.workspace, "user": request.user}
         attributes = {f"spcola.{name}": value for name, value in about.items()}
@@ -39,8 +44,9 @@ class JobReport(Progress):
 
     def begin_stage(self, name: str) -> None:
         """Note the stage, and that it begins."""
+        # The one before is finished; those that are up to date do not begin.
+        self._end_task(finished=self._counts_stages and bool(self.stage))
         super().begin_stage(name)
-        self._task = None
         structlog.contextvars.bind_contextvars(stage=name)
         end_span(self._stage_span)
         attributes = {"spcola.job": self._job.id, "spcola.stage": name}
@@ -75,13 +81,21 @@ class JobReport(Progress):
     @contextmanager
     def task(self, title: str, total: int | None = None) -> Iterator[Task]:
         """Open a task of `total` parts."""
+        self._end_task()
         self._task = Task(title, total, lambda _: None)
         yield self._task
+
+    def _end_task(self, *, finished: bool = False) -> None:
+        """Count what the last task kept, and the stage if it is finished."""
+        kept = 0 if self._task is None else self._task.kept
+        # The task first: another thread reads both.
+        self._task, self._kept = None, self._kept + kept + finished
 
     def now(self) -> JobProgress:
         """Return how far the job is."""
         task = self._task
         if task is None:
-            return JobProgress(self.stage)
+            return JobProgress(self.stage, kept=self._kept)
         remaining = math.nan if task.remaining is None else task.remaining.seconds
-        return JobProgress(self.stage, task.title, task.done, task.total or 0, remaining)
+        kept = self._kept + task.kept
+        return JobProgress(self.stage, task.title, task.done, task.total or 0, remaining, kept)

@@ -25,6 +25,7 @@ from fusion.service.work.outcomes import Wait, job_error, reason_to_wait
 from fusion.service.work.places import Places
 from fusion.service.work.report import JobReport
 from fusion.service.work.stopping import Stop, Stopper
+from spcola.atomic import flush_folders
 
 _STEP_S = 0.1
 _RECORD_TRIES = 8
@@ -120,7 +121,8 @@ class _Worker:
 
     def _done(self, job: Job) -> str:
         """Do a job and record what became of it; return that as a code."""
-        report = JobReport(job, lambda text: self._note(job, text))
+        again = {"force", "only", "within"} & job.request.parameters.keys()
+        report = JobReport(job, lambda text: self._note(job, text), counts_stages=not again)
         outcome = "ended"
         try:
             outcome = self._attempted(job, report)
@@ -160,6 +162,8 @@ class _Worker:
     def _result(self, job: Job, report: JobReport) -> dict[str, Any]:
         with self._executor(job, report) as executor:
             result = perform_job(Assignment(job.request, self._places, executor, report))
+        # A power cut must not take files of a job that is recorded as finished.
+        flush_folders(self._places.workspace(job.request.workspace))
         return json_value(self._places.without_folder_in(result))
 
     @contextmanager
