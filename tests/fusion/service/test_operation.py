@@ -53,6 +53,8 @@ def test_spans_logs_and_metrics_of_a_run(
             wait_for(lambda: client.get(f"/api/v1/jobs/{job}").json()["state"] == "finished")
             wait_for(lambda: client.get("/ready").json()["checks"]["workers"] == "ok")
             called("serve", "backup", folder, folder / "store.sqlite")
+            # Events are looked for a few times a second.
+            wait_for(lambda: "spcola_jobs_ended_total{" in client.get("/metrics").text)
             metrics = client.get("/metrics").text
     finally:
         assert server.stop() == 0
