@@ -57,6 +57,19 @@ def flush(paths: Iterable[Path]) -> None:
             os.fsync(stream.fileno())
 
 
+def flush_folders(root: Path) -> None:
+    """Write the entries of a folder and of those in it to the disk, or raise an OSError.
+
+    A file that was renamed has its new name after a power cut only when its folder is written.
+    """
+    for folder, _, _ in os.walk(root):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
 def write_bytes(path: str | Path, content: bytes) -> None:
     """Write `content` to `path` whole, or raise a WorkspaceError."""
     with replacing(path) as temporary:

@@ -127,8 +127,8 @@ class StageContext:
         most `ahead` results per worker wait to be taken.
         """
         with self.progress.items(title, sizes, self.executor.workers) as task:
-            for result, seconds in self.executor.stream(Timed(function), items, ahead=ahead):
-                task.advance_one(seconds)
+            for result, spent in self.executor.stream(Timed(function), items, ahead=ahead):
+                task.advance_one(spent)
                 yield result
 
     def map(

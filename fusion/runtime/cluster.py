@@ -18,6 +18,7 @@ from distributed.client import ClosedClientError
 from distributed.comm import CommClosedError
 from distributed.core import rpc
 from distributed.scheduler import KilledWorker
+from distributed.security import Security
 
 from fusion.runtime.children import Payload, PoisonousItemError, item_name, perform
 from fusion.runtime.executor import AHEAD, ClusterError
@@ -33,6 +34,7 @@ _ALIKE = ("spcola", "numpy", "scipy", "numba")
 _ANSWER_S = 20
 # Interval of checks that the cluster is still there while waiting for a result.
 _LOOK_S = 5
+_START_WORKERS = "start one on each machine: dask worker ADDRESS"
 _START = "start one: dask scheduler, and on each machine: dask worker ADDRESS"
 # A task is given up after so many workers died of it, or its function was lost as often.
 _TRIES = 3
@@ -198,9 +200,7 @@ class ClusterExecutor:
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         threads = sum(int(worker["nthreads"]) for worker in workers)
         if threads == 0:
-            raise SettingsError(
-                "the cluster has no worker", WHERE, "start one on each machine: dask worker ADDRESS"
-            )
+            raise NoClusterError("the cluster has no worker", WHERE, _START_WORKERS)
         return threads
 
     def _check_versions(self) -> None:
@@ -249,7 +249,9 @@ def _asked(address: str) -> dict[str, Any]:
     """
 
     async def identity() -> dict[str, Any]:
-        async with rpc(address, timeout=_ANSWER_S) as server:
+        # With the certificates of Dask's own configuration, as the client has them.
+        secured = Security().get_connection_args("client")
+        async with rpc(address, timeout=_ANSWER_S, connection_args=secured) as server:
             found: dict[str, Any] = await server.identity()
             return found
 
@@ -275,12 +277,15 @@ def _check_scheduler(address: str) -> None:
         )
 
 
-class NoSchedulerError(ClusterError, SettingsError):
-    """No scheduler answers at the address."""
+class NoClusterError(ClusterError, SettingsError):
+    """No scheduler answers at the address, or it has no worker; both may be on their way."""
 
 
-def _no_scheduler(address: str) -> NoSchedulerError:
-    return NoSchedulerError(f"no Dask scheduler answers at {address}", WHERE, _START)
+def _no_scheduler(address: str) -> NoClusterError:
+    do = _START
+    if address.startswith("tls:"):
+        do = f"{_START}; check the certificates of distributed.comm.tls in Dask's configuration"
+    return NoClusterError(f"no Dask scheduler answers at {address}", WHERE, do)
 
 
 def _given_up(item: Any) -> PoisonousItemError:

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as RichProgress
 
-from fusion.runtime.remaining import RemainingTime
+from fusion.runtime.remaining import RemainingTime, Spent
 
 __all__ = ["Progress", "Task"]
 
@@ -33,6 +33,7 @@ class Task:
         self.title = title
         self.total = total
         self.done = 0
+        self.kept = 0  # of these, results that nobody computes again
         self.remaining: RemainingTime | None = None
         self.begun = time.monotonic()
         self._show = show
@@ -42,10 +43,11 @@ class Task:
         self.done += count
         self._show(self)
 
-    def advance_one(self, seconds: float) -> None:
-        """Count one more part as done, which took a worker some seconds."""
+    def advance_one(self, spent: Spent) -> None:
+        """Count one more part as done, which took a worker some time."""
         if self.remaining is not None:
-            self.remaining.add(seconds)
+            self.remaining.add(spent.seconds)
+        self.kept += spent.is_kept
         self.advance()
 
     @property

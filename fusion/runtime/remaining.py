@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-__all__ = ["RemainingTime", "Timed", "note_done", "note_found"]
+__all__ = ["RemainingTime", "Spent", "Timed", "note_done", "note_found"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -31,23 +31,35 @@ def note_found() -> None:
 
 
 def note_done() -> None:
-    """Note that a result of the current item was computed."""
+    """Note that a result of the current item was computed, and is kept."""
     _work.done = True
 
 
 @dataclass(frozen=True)
+class Spent:
+    """What an item took: its seconds, NaN if its result was found finished.
+
+    `is_kept` is whether a result of it was computed and kept, so that nobody computes it again.
+    """
+
+    seconds: float
+    is_kept: bool = False
+
+
+@dataclass(frozen=True)
 class Timed(Generic[Item, Result]):
-    """A function that also returns its seconds; NaN if its result was found finished."""
+    """A function that also returns what it took."""
 
     function: Callable[[Item], Result]
 
-    def __call__(self, item: Item) -> tuple[Result, float]:
-        """Return ``function(item)`` and the time that it took."""
+    def __call__(self, item: Item) -> tuple[Result, Spent]:
+        """Return ``function(item)`` and what it took."""
         _work.found = _work.done = False
         begun = time.monotonic()
         result = self.function(item)
         only_found = _work.found and not _work.done
-        return result, math.nan if only_found else time.monotonic() - begun
+        seconds = math.nan if only_found else time.monotonic() - begun
+        return result, Spent(seconds, _work.done)
 
 
 @dataclass
@@ -71,7 +83,7 @@ class RemainingTime:
     _seconds: list[float] = field(default_factory=list)
 
     def add(self, seconds: float) -> None:
-        """Count the next item as done; `seconds` is from :class:`Timed`."""
+        """Count the next item as done; `seconds` is from :class:`Spent`."""
         self._seconds.append(seconds)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import socket
 from collections.abc import Callable
@@ -16,6 +17,10 @@ from spcola.errors import SpcolaError
 _GRACE_S = 10
 _IDLE_S = 65
 _BACKLOG = 2048
+_ADVICE = {
+    errno.EADDRINUSE: "choose another --port, or stop what uses it",
+    errno.EACCES: "choose a --port from 1024 on",
+}
 
 
 def listening(host: str, port: int) -> socket.socket:
@@ -28,10 +33,12 @@ def listening(host: str, port: int) -> socket.socket:
     """
     where = f"{host}:{port}"
     try:
-        kind, _, _, _, address = socket.getaddrinfo(
+        kind, _, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
-        opened = socket.socket(kind, socket.SOCK_STREAM)
+        # Only where the protocol is named does asyncio set TCP_NODELAY: without that each answer
+        # of two packets waits 40 ms for the other side's delayed acknowledgement.
+        opened = socket.socket(kind, socket.SOCK_STREAM, protocol)
     except OSError as error:
         raise SpcolaError(f"is no address ({error.strerror})", where, "check --host") from error
     try:
@@ -40,7 +47,7 @@ def listening(host: str, port: int) -> socket.socket:
         opened.listen(_BACKLOG)
     except OSError as error:
         opened.close()
-        do = "choose another --port, or stop what uses it"
+        do = _ADVICE.get(error.errno or 0, "check --host")
         raise SpcolaError(f"cannot be used ({error.strerror})", where, do) from error
     return opened
 

@@ -62,7 +62,8 @@ class UploadFile:
         """Make the folder and an empty part."""
         make_folder(self.path.parent)
         self.part.touch()
-        _sync(self.folder)
+        for folder in (self.folder, self.folder.parent, self.folder.parent.parent):
+            _sync(folder)
 
     def open_at(self, offset: int) -> int:
         """Open the part for more bytes at `offset`; those beyond, which nobody noted, are cut."""

@@ -85,6 +85,8 @@ class JobProgress:
         Items; `total` is 0 if it is unknown.
     remaining_s : float
         Time that the task still takes; NaN if unknown.
+    kept : int
+        What this worker has finished and no other has to do again: items and stages.
     """
 
     stage: str = ""
@@ -92,6 +94,7 @@ class JobProgress:
     done: int = 0
     total: int = 0
     remaining_s: float = float("nan")
+    kept: int = 0
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,7 @@ from fusion.service.store.rows import add_event, progress_of, stored
 from fusion.service.store.schema import DEPENDENCY, JOB
 
 LOSSES = 3
-"""After so many workers lost in sequence a job fails."""
-STEADY_RENEWALS = 20
-"""A worker that was lost after so many renewals of its lease counts as the first one lost."""
+"""After so many workers lost in sequence, none of which finished an item, a job fails."""
 
 
 def set_state(
@@ -96,10 +94,13 @@ def _doing(row: Any) -> str:
 
 
 def lose_worker(connection: Connection, row: Any, now: float) -> None:
-    """Let the job of a lost worker wait again; it fails if that happens again and again."""
-    losses = 1 if row.renewals >= STEADY_RENEWALS else row.losses + 1
+    """Let the job of a lost worker wait again; it fails if none of several finished an item.
+
+    A worker that kept an item made progress, of which there is an end: the count begins anew.
+    """
+    losses = 0 if progress_of(row.progress).kept else row.losses + 1
     if losses >= LOSSES and not row.cancelling:
-        text = f"{losses} workers in sequence ended while they worked on it{_doing(row)}"
+        text = f"{losses} workers in sequence ended and had finished no item{_doing(row)}"
         error = JobError("workers-lost", text)
         end_job(connection, row, JobState.FAILED, now, error=error, losses=losses)
         return

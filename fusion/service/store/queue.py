@@ -22,6 +22,7 @@ from fusion.service.store.rows import (
     progress_of,
     row_of,
     stored,
+    time_of,
 )
 from fusion.service.store.schema import EVENT, JOB
 from fusion.service.store.submission import add_job
@@ -117,6 +118,18 @@ class SqlQueue:
             found = {str(row[0]): int(row[1]) for row in connection.execute(query)}
         return {state: found.get(state.value, 0) for state in JobState}
 
+    def oldest(self) -> dict[JobState, float]:
+        """Return since when the oldest job waits (as submitted) and runs; NaN if none does."""
+        begun = {JobState.WAITING: JOB.c.submitted, JobState.RUNNING: JOB.c.begun}
+        with self._database.reading() as connection:
+            found = {
+                state: connection.execute(
+                    select(func.min(time)).where(JOB.c.state == state.value)
+                ).scalar()
+                for state, time in begun.items()
+            }
+        return {state: time_of(time) for state, time in found.items()}
+
     def claim(self, worker: str, lease_s: float) -> Job | None:
         """Take the next job that may begin; None if there is none.
 
@@ -131,7 +144,7 @@ class SqlQueue:
                 return None
             take_turn(connection, row.owner)
             begun = {"begun": now, "tries": row.tries + 1, "worker": worker, "lease_s": lease_s}
-            beat = {"beat": row.beat + 1, "renewals": 0, "progress": stored({})}
+            beat = {"beat": row.beat + 1, "progress": stored({})}
             set_state(connection, row, JobState.RUNNING, now, **begun, **beat)
             return job_of(row_of(connection, row.id))
 
@@ -146,7 +159,7 @@ class SqlQueue:
         with self._database.writing() as connection:
             row = _leased(connection, identity, worker)
             content = stored(asdict(progress))
-            beat = {"beat": row.beat + 1, "renewals": row.renewals + 1, "lease_s": lease_s}
+            beat = {"beat": row.beat + 1, "lease_s": lease_s}
             update = JOB.update().where(JOB.c.number == row.number)
             connection.execute(update.values(progress=content, **beat))
             if progress_of(row.progress) != progress and content != row.progress:

@@ -20,8 +20,15 @@ from sqlalchemy import (
     text,
 )
 
-VERSION = 1
-UPGRADES: Mapping[int, Callable[[Connection], None]] = {}
+VERSION = 2
+
+
+def _without_renewals(connection: Connection) -> None:
+    """Version 1 counted renewals of leases; lost workers are judged by what they finished."""
+    connection.execute(text("ALTER TABLE job DROP COLUMN renewals"))
+
+
+UPGRADES: Mapping[int, Callable[[Connection], None]] = {1: _without_renewals}
 """From each earlier version the step to the next one."""
 
 TABLES = MetaData()
@@ -67,8 +74,7 @@ JOB = Table(
     _text("worker"),
     Column("lease_s", Double, nullable=False, default=0.0),
     _count("beat"),  # grows with each claim and renewal, never back
-    _count("renewals"),  # since the last claim
-    _count("losses"),  # workers lost in sequence
+    _count("losses"),  # workers lost in sequence that had finished no item
     _count("notes"),
     Index("job_state", "state", "workspace", "solution"),
     Index("job_workspace", "workspace", "number"),

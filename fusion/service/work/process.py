@@ -14,12 +14,14 @@ from pathlib import Path
 from fusion.runtime.children import end_with_parent
 from fusion.runtime.processes import ProcessLimits
 from fusion.service.store import Store
+from fusion.service.tracing import start_tracing
 from fusion.service.work.logs import start_log
 from fusion.service.work.options import WorkOptions
 from fusion.service.work.places import STATE_FOLDER
 from fusion.service.work.worker import work
 
 STORE_VARIABLE = "SPCOLA_STORE"
+_NICE = 10
 
 
 def worker_command(folder: Path, store: str | Path, options: WorkOptions) -> list[str]:
@@ -63,7 +65,7 @@ def run_worker(
         As of :func:`work`.
     """
     start_log(folder / STATE_FOLDER / "logs", name)
-    with Store(store) as opened:
+    with start_tracing(name), Store(store) as opened:
         work(opened, folder, options, name=name, upload=opened.uploads.get, beat=beat)
 
 
@@ -82,6 +84,8 @@ def main(arguments: list[str]) -> None:
             os.write(int(beats), b".")
 
     os.set_blocking(int(beats), False)
+    # Where all cores are busy with jobs, people who ask come first.
+    os.nice(_NICE)
     store = given["store"] or os.environ[STORE_VARIABLE]
     run_worker(Path(given["folder"]), store, options, name=name, beat=beat)
 

@@ -293,9 +293,9 @@ def _all_pixels(
     sizes = [float(one.image.size[0] * one.image.size[1]) for one in planned]
     with progress.items("images", sizes, executor.workers) as task:
         done = executor.stream(Timed(bring.image), planned)
-        for one, (found, seconds) in zip(planned, done, strict=True):
+        for one, (found, spent) in zip(planned, done, strict=True):
             facts[one.name] = found
-            task.advance_one(seconds)
+            task.advance_one(spent)
     store.remove_unused(begun)
     return facts
 

@@ -110,9 +110,9 @@ def triage_images(
     found = []
     with (progress or Progress()).items("triage", sizes, executor.workers) as task:
         named = [records[name] for name in sorted(records)]
-        for one, seconds in executor.stream(Timed(work.triage), named):
+        for one, spent in executor.stream(Timed(work.triage), named):
             found.append(one)
-            task.advance_one(seconds)
+            task.advance_one(spent)
     store.remove_unused(begun)
     if caster is not None:
         found = _exchanged_states(workspace, caster, records, found, executor)

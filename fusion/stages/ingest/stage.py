@@ -37,6 +37,8 @@ from spcola.arrays import FloatArray
 from spcola.errors import WorkspaceError
 from spcola.navigation import utc_from_et
 
+_ALREADY = "imported already"
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -107,6 +109,7 @@ def import_files(
         with progress.task("import", len(sources)) as task:
             for imported in executor.stream(importer, items):
                 done.append(imported)
+                task.kept += imported.state != _ALREADY
                 task.advance()
     return done
 
@@ -181,7 +184,7 @@ class _Importer:
             key,
             digest,
         ):
-            return Imported(source, "imported already", before, before.count)
+            return Imported(source, _ALREADY, before, before.count)
         options = lidar_options(source, self.settings, name, self.limits)
         path = self.workspace.scan_path(name)
         scan = _write(path, options, source, self.settings, digest)

@@ -17,6 +17,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from dask_processes import DaskProcesses
 from distributed import Client, LocalCluster
 from PIL import Image
 from typer.testing import CliRunner
@@ -219,30 +220,13 @@ def test_a_missing_cluster_is_reported(
 
 
 @pytest.fixture
-def lonely() -> Iterator[tuple[str, Callable[[str], None]]]:
-    """A scheduler and a worker, each a process of its own, and how to kill one of them."""
-    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__DASHBOARD__ENABLED": "false"}
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address, running = f"tcp://127.0.0.1:{port}", dict[str, subprocess.Popen[bytes]]()
-    for name, words in (
-        ("scheduler", ["--host", "127.0.0.1", "--port", str(port), "--dashboard-address", ":0"]),
-        ("worker", [address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]),
-    ):
-        running[name] = subprocess.Popen(
-            [sys.executable, "-m", "distributed.cli.dask_" + name, *words],
-            env=environment,
-            cwd="/",
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-    with Client(address, timeout=60, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=60)
-    yield address, lambda name: running[name].kill()
-    for process in running.values():
-        process.kill()
-        process.wait()
+def lonely() -> Iterator[DaskProcesses]:
+    """A scheduler and one worker."""
+    with DaskProcesses() as cluster:
+        cluster.start("scheduler")
+        cluster.start("worker")
+        cluster.wait(1)
+        yield cluster
 
 
 @pytest.mark.slow
@@ -251,7 +235,7 @@ def lonely() -> Iterator[tuple[str, Callable[[str], None]]]:
     [("scheduler", "does not answer any more"), ("worker", "has lost all its workers")],
 )
 def test_a_lost_cluster_is_reported_in_one_line(
-    lonely: tuple[str, Callable[[str], None]],
+    lonely: DaskProcesses,
     monkeypatch: pytest.MonkeyPatch,
     dies: str,
     message: str,
@@ -260,15 +244,14 @@ def test_a_lost_cluster_is_reported_in_one_line(
         time.sleep(0.3)
         return item
 
-    address, kill = lonely
-    executor = ClusterExecutor(address)
+    executor = ClusterExecutor(lonely.address)
     monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 2)
     monkeypatch.setattr(fusion.runtime.cluster, "_LOOK_S", 0.5)
     stream = executor.stream(nap, range(50))
     assert next(stream) == 0
-    kill(dies)
+    lonely.kill(dies)
     begun = time.monotonic()
-    with pytest.raises(ClusterError, match=f"{address}.*{message}.*what is finished is kept"):
+    with pytest.raises(ClusterError, match=f"{lonely.address}.*{message}.*what is finished is kept"):
         list(stream)
     executor.close()
     assert time.monotonic() - begun < 60

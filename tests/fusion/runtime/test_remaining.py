@@ -64,6 +64,6 @@ def test_before_anything_is_known_nothing_is_said() -> None:
 def test_the_time_of_a_kept_result_is_unknown(tmp_path: Path) -> None:
     store = ItemStore(tmp_path, "1")
     timed = Timed(lambda values: [store.result(math.sqrt, value) for value in values])
-    assert [math.isnan(timed(items)[1]) for items in ([4.0], [4.0], [4.0, 9.0], [])] == [
-        False, True, False, False,
-    ]  # fmt: skip
+    spent = [timed(items)[1] for items in ([4.0], [4.0], [4.0, 9.0], [])]
+    assert [math.isnan(one.seconds) for one in spent] == [False, True, False, False]
+    assert [one.is_kept for one in spent] == [True, False, True, False]

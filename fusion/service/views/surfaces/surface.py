@@ -155,7 +155,14 @@ class Surface:
         """Return the range of colours of a layer; None if no value is known."""
         if LAYERS[layer].range == "fixed":
             return LAYERS[layer].fixed
-        return range_of(layer, self._whole(layer, self._coarse))
+        # Of every picture: to sort the values again takes longer than to draw them.
+        key = (self.source.stamp, layer, "range")
+        found = self.cache.find(key, 0, lambda: {0: self._found_range(layer)})
+        return (float(found[0]), float(found[1])) if found.size else None
+
+    def _found_range(self, layer: str) -> FloatArray:
+        """Return the two ends of the range of a layer; an empty array if no value is known."""
+        return np.array(range_of(layer, self._whole(layer, self._coarse)) or (), dtype=float)
 
     def check_layer(self, layer: str) -> None:
         """Refuse a layer that the surface does not have."""

@@ -153,6 +153,7 @@ def test_every_answer_has_the_safe_headers(service: Service, client: AsgiClient)
         headers = client.get(path).headers
         assert headers["x-content-type-options"] == "nosniff"
         assert "default-src 'self'" in headers["content-security-policy"]
+        assert "unsafe" not in headers["content-security-policy"]
         assert "strict-transport-security" not in headers
         assert headers["x-request-id"]
     with AsgiClient(create_app(service), base_url="https://localhost") as secure:

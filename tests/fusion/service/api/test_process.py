@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import socket
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +13,7 @@ import httpx
 import pytest
 from command_line import called, refused
 from damage import files_in
-from serving import serving
+from server_process import ServerProcess
 
 PART = b"0123456789" * 40
 
@@ -28,17 +26,17 @@ def folder(ball: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def served(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A running service, and its URL."""
-    with serving(folder) as found:
-        yield found
+def served(folder: Path) -> Iterator[ServerProcess]:
+    """A running service."""
+    server = ServerProcess(folder)
+    yield server
+    server.kill()
 
 
 def test_a_run_through_the_service_equals_the_command(
-    served: tuple[subprocess.Popen[str], str], folder: Path, by_command: tuple[Path, dict]
+    served: ServerProcess, folder: Path, by_command: tuple[Path, dict]
 ) -> None:
-    url = served[1]
-    with httpx.Client(base_url=url, timeout=60) as client:
+    with served.client() as client:
         run = {"kind": "run", "parameters": {"stages": ["mapolas"]}}
         job = client.post("/api/v1/workspaces/ball/jobs", json=run).json()
         last, states = "0", []
@@ -70,11 +68,11 @@ def test_a_run_through_the_service_equals_the_command(
 
 
 def test_what_arrives_before_a_connection_breaks_is_kept(
-    served: tuple[subprocess.Popen[str], str],
+    served: ServerProcess,
 ) -> None:
-    url = httpx.URL(served[1])
+    url = httpx.URL(served.url)
     asked = {"name": "a.las", "size": len(PART), "sha256": "0" * 64, "kind": "scan"}
-    with httpx.Client(base_url=url, timeout=30) as client:
+    with served.client() as client:
         place = client.post("/api/v1/workspaces/ball/uploads", json=asked).headers["location"]
         with socket.create_connection((url.host, url.port)) as broken:
             head = {
@@ -96,16 +94,15 @@ def test_what_arrives_before_a_connection_breaks_is_kept(
 
 
 def test_tokens_and_backups_while_it_runs_and_an_orderly_end(
-    served: tuple[subprocess.Popen[str], str], folder: Path, tmp_path: Path
+    served: ServerProcess, folder: Path, tmp_path: Path
 ) -> None:
-    process, url = served
     assert "another spcola serve serves this folder" in refused("serve", folder, "--port", 0)
     made = called("serve", "token", "add", folder, "ann", "--scope", "run", "--workspace", "ball")
     (listed,) = called("serve", "token", "list", folder)["tokens"]
     assert (listed["id"], listed["scopes"]) == (made["id"], {"ball": "run"})
     headers = {"Authorization": f"Bearer {made['secret']}"}
     backup = tmp_path / "store.sqlite"
-    with httpx.Client(base_url=url, timeout=30) as client:
+    with served.client() as client:
         assert client.get("/api/v1/jobs", headers=headers).status_code == 200
         assert client.get("/api/v1/tokens", headers=headers).status_code == 403
         jobs = client.get("/api/v1/jobs").json()
@@ -117,8 +114,7 @@ def test_tokens_and_backups_while_it_runs_and_an_orderly_end(
         with client.stream("GET", "/api/v1/events") as events:
             # A stream that is open does not keep the server from ending.
             next(events.iter_lines())
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(60) == 0
+            assert served.stop() == 0
     log = (folder / ".service" / "logs" / "server.jsonl").read_text().splitlines()
     lines = [json.loads(line) for line in log]
     assert any(line.get("path") == "/api/v1/jobs" and line["status"] == 200 for line in lines)

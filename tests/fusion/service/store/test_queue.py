@@ -13,6 +13,7 @@ import queue_processes
 
 from fusion.service.jobs import JobKind, JobProgress, JobRequest, JobState
 from fusion.service.store import Store, StoreError, UnknownJobError
+from fusion.service.store.endings import LOSSES
 from fusion.service.store.queue import MOST_NOTES
 
 
@@ -89,6 +90,23 @@ def test_a_lease_ends_by_a_clock_that_is_never_set(new_url) -> None:
             store.claim("x", 60.0)
             monotonic += 61.0
         assert store.job(job.id).error.code == "workers-lost"
+
+
+def test_only_what_is_finished_lets_a_job_lose_its_workers_again_and_again(store: Store) -> None:
+    job = store.submit(request("ada", "bennu"))
+    turns = 0
+    while (claimed := store.claim(f"w{turns}", 60.0)) is not None:
+        # For hours, and with items that the next worker has to do again.
+        for n in range(50):
+            progress = JobProgress("fuse", "maplets", n, 900, kept=n if turns < 5 else 0)
+            store.renew(job.id, f"w{turns}", 60.0, progress)
+        store.lost(f"w{turns}")
+        turns += 1
+        assert claimed.tries == turns < 20
+    assert turns == 5 + LOSSES
+    error = store.job(job.id).error
+    assert error.code == "workers-lost"
+    assert "the last one on fuse: maplets, 49 of 900" in error.text
 
 
 def test_a_wait_ends_when_the_clock_is_set_back(new_url) -> None:

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_stat
 
 from fusion.service.jobs import JobError, JobKind, JobProgress, JobRequest, JobState
 from fusion.service.store import Store, StoreError
-from fusion.service.store.endings import LOSSES, STEADY_RENEWALS
+from fusion.service.store.endings import LOSSES
 
 WORKERS = st.sampled_from(["w1", "w2", "w3"])
 LEASE_S = 10.0
@@ -30,7 +30,7 @@ class ModelJob:
     since: float = 0.0
     until: float = 0.0
     beat: int = 0
-    renewals: int = 0
+    kept: int = 0
     losses: int = 0
     seen: tuple[int, float] = (-1, 0.0)
 
@@ -72,7 +72,7 @@ class Model:
 
     def lose(self, identity: str) -> None:
         job = self.jobs[identity]
-        job.losses = 1 if job.renewals >= STEADY_RENEWALS else job.losses + 1
+        job.losses = 0 if job.kept else job.losses + 1
         if job.losses >= LOSSES and not job.cancelling:
             self.end(identity, JobState.FAILED)
         else:
@@ -93,7 +93,7 @@ class Model:
         identity = min(ready)[1]
         job = self.jobs[identity]
         self.turns.append(job.request.user)
-        job.state, job.worker, job.renewals = JobState.RUNNING, worker, 0
+        job.state, job.worker, job.kept = JobState.RUNNING, worker, 0
         job.tries += 1
         job.beat += 1
         return identity
@@ -161,15 +161,15 @@ class QueueMachine(RuleBasedStateMachine):
         job = self.store.claim(worker, LEASE_S)
         assert (job.id if job else None) == self.model.claim(worker)
 
-    @rule(worker=WORKERS, done=st.integers(0, 3), data=st.data())
-    def renew(self, worker, done, data) -> None:
+    @rule(worker=WORKERS, done=st.integers(0, 3), kept=st.integers(0, 1), data=st.data())
+    def renew(self, worker, done, kept, data) -> None:
         identity, job = self.some_job(data)
-        progress = JobProgress("fuse", "maplets", done, 3, 1.0)
+        progress = JobProgress("fuse", "maplets", done, 3, 1.0, kept)
 
         def call() -> None:
             assert self.store.renew(identity, worker, LEASE_S, progress) == job.cancelling
             job.beat += 1
-            job.renewals += 1
+            job.kept = kept
             assert self.store.job(identity).progress == progress
 
         self.leased(job, worker, call)

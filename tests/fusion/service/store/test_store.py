@@ -8,7 +8,9 @@ import stat
 from contextlib import closing
 from pathlib import Path
 
+import psycopg
 import pytest
+from command_line import called
 from sqlalchemy import inspect, text
 
 from fusion.pipeline.catalog.records import StageRecord
@@ -160,6 +162,16 @@ def test_a_store_of_the_first_version_is_read(store: Store, folder: Path) -> Non
     check_version_1(store)
 
 
+def test_a_first_version_on_a_server_is_read(new_database, folder: Path) -> None:
+    url = new_database()
+    with psycopg.connect(url) as server:
+        server.execute(VERSION_1.with_suffix(".postgresql.sql").read_bytes())
+    (listed,) = called("serve", "token", "list", folder, "--store", url)["tokens"]
+    assert listed["scopes"]
+    with Store(url) as old:
+        check_version_1(old)
+
+
 def test_an_older_store_is_upgraded_after_a_backup(new_url, folder: Path, monkeypatch) -> None:
     # The step is the test's; what runs it is the program's.
     def add_column(connection) -> None:
@@ -173,17 +185,17 @@ def test_an_older_store_is_upgraded_after_a_backup(new_url, folder: Path, monkey
     with Store(url) as store:
         store.restore(version_1(folder / "old.sqlite"))
     for module in ("schema", "backup", "opening"):
-        monkeypatch.setattr(f"fusion.service.store.{module}.VERSION", 2)
-    monkeypatch.setattr(schema, "UPGRADES", {1: fail_late})
+        monkeypatch.setattr(f"fusion.service.store.{module}.VERSION", 3)
+    monkeypatch.setattr(schema, "UPGRADES", {**schema.UPGRADES, 2: fail_late})
     backups = folder / "backups"
     backups.mkdir()
     with pytest.raises(KeyboardInterrupt):
         Store(url, backups=backups)
-    monkeypatch.setattr(schema, "UPGRADES", {1: add_column})
+    monkeypatch.setattr(schema, "UPGRADES", {**schema.UPGRADES, 2: add_column})
     with Store(url, backups=backups) as store:
         with store._database.reading() as connection:
             assert "color" in [one["name"] for one in inspect(connection).get_columns("job")]
-            assert schema.stored_version(connection) == 2
+            assert schema.stored_version(connection) == 3
         check_version_1(store)
     monkeypatch.undo()
     assert fault(lambda: Store(url))[0] == "newer-store"

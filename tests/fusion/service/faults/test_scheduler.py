@@ -1,0 +1,63 @@
+"""A Dask scheduler that is lost: the job waits for it, and for its workers."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from damage import files_in
+from dask_processes import DaskProcesses
+from served import Service
+from server_process import wait_for
+
+import fusion.runtime.cluster
+from fusion.service.jobs import JobState
+from fusion.service.store import Store
+
+
+def test_a_job_waits_for_a_lost_scheduler_and_goes_on(
+    missions: Path, by_command: tuple[Path, dict], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 3)
+    monkeypatch.setattr(fusion.runtime.cluster, "_LOOK_S", 0.5)
+    items = missions / "ball" / ".items" / "mapolas"
+
+    with DaskProcesses() as cluster, Store(missions / ".service" / "store.sqlite") as store:
+        service = Service(missions, store)
+
+        def work() -> None:
+            time.sleep(0.1)
+            service.work(cluster=cluster.address, cluster_wait_s=0.1)
+
+        def lose_the_scheduler() -> None:
+            wait_for(lambda: len(list(items.glob("[!.]*.npz"))) > 2)
+            cluster.kill("scheduler")
+
+        job = service.submit(stages=["mapolas"])
+        cluster.start("scheduler")
+        cluster.wait(0)
+        work()
+        cluster.start("worker")
+        cluster.wait(1)
+        losing = threading.Thread(target=lose_the_scheduler)
+        losing.start()
+        work()
+        losing.join()
+        assert store.job(job.id).state is JobState.WAITING
+        work()
+        cluster.kill("worker")
+        cluster.start("scheduler")
+        cluster.start("worker")
+        cluster.wait(1)
+        kept = {path.name: path.stat().st_ino for path in items.glob("[!.]*.npz")}
+        work()
+        done = store.job(job.id)
+        notes = [str(one["text"]) for one in service.notes(job) if one.get("code")]
+    assert done.state is JobState.FINISHED, done.error
+    for note, text in zip(notes, ("has no worker", "", "no Dask scheduler answers"), strict=True):
+        assert text in note
+    assert files_in(missions / "ball") == files_in(by_command[0])
+    there = {path.name: path.stat().st_ino for path in items.glob("[!.]*.npz")}
+    assert {name: there.get(name) for name in kept} == kept

@@ -1,0 +1,81 @@
+"""A real process of ``spcola serve``, asked over HTTP."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import httpx
+import psutil
+from command_line import ROOT
+
+
+class ServerProcess:
+    """Start a server; `url` is where it answers.
+
+    Parameters
+    ----------
+    folder : Path
+        That of the service.
+    *options : str
+        Of the command.
+    errors : file, optional
+        For standard error. A pipe that nobody reads would stop the server.
+    """
+
+    def __init__(self, folder: Path, *options: str, errors: IO[bytes] | None = None) -> None:
+        command = [sys.executable, "-m", "fusion.cli", "serve", str(folder), "--port", "0"]
+        self.process = subprocess.Popen(
+            [*command, *options, "--json"],
+            stdout=subprocess.PIPE,
+            stderr=errors or subprocess.DEVNULL,
+            text=True,
+            cwd=ROOT,
+        )
+        assert self.process.stdout is not None
+        printed = ""
+        while not printed.endswith("}\n"):
+            line = self.process.stdout.readline()
+            assert line, self.process.wait()
+            printed += line
+        self.url = str(json.loads(printed)["url"])
+
+    def client(self) -> httpx.Client:
+        return httpx.Client(base_url=self.url, timeout=60)
+
+    def workers(self) -> list[int]:
+        """Return the process numbers of the workers."""
+        children = psutil.Process(self.process.pid).children()
+        return [one.pid for one in children if "fusion.service.work.process" in one.cmdline()]
+
+    def kill(self) -> None:
+        """End it without warning; its workers end with their items."""
+        self.process.kill()
+        self.process.communicate()
+
+    def kill_worker(self) -> int:
+        """End the first worker without warning; return its process number."""
+        wait_for(self.workers)
+        (number, *_) = self.workers()
+        os.kill(number, signal.SIGKILL)
+        return number
+
+    def stop(self) -> int:
+        """End it as a system does; return its exit code."""
+        self.process.send_signal(signal.SIGTERM)
+        self.process.communicate(timeout=90)
+        return self.process.returncode
+
+
+def wait_for(ready: Callable[[], Any], seconds: float = 60.0) -> None:
+    until = time.monotonic() + seconds
+    while not ready():
+        assert time.monotonic() < until
+        time.sleep(0.005)
