@@ -153,7 +153,9 @@ def good_file(sample: Sample, folder: Path) -> Path:
     return next(iter(sorted(folder.iterdir())), None) or sample.make(folder)
 
 
-def tried(client: httpx.Client, uploader: Uploader, kind: str, options: argparse.Namespace) -> Counter:
+def tried(
+    client: httpx.Client, uploader: Uploader, kind: str, options: argparse.Namespace
+) -> Counter:
     """Upload the inputs of a kind; return how many had which outcome."""
     path = good_file(KINDS[kind], options.good / kind.replace(" ", "-"))
     name, good = path.name, path.read_bytes()

@@ -52,7 +52,10 @@ def row(title: str, value: float, unit: str, limit: float, *, least: bool = Fals
     good = value >= limit if least else value <= limit
     RESULTS.append(good)
     sign = "≥" if least else "≤"
-    print(f"{title:52} {value:10.1f} {unit:4} {sign} {limit:g}{'' if good else '  MISSED'}", flush=True)
+    print(
+        f"{title:52} {value:10.1f} {unit:4} {sign} {limit:g}{'' if good else '  MISSED'}",
+        flush=True,
+    )
 
 
 @dataclass
@@ -97,7 +100,9 @@ def client_process(url: str, job: str, clients: int, until: float, tiles: list, 
             else:
                 level, count = rng.choice(tiles)
                 place = f"{level}/{rng.randrange(count)}/{rng.randrange(count)}"
-                asker.ask("tile", f"/api/v1/workspaces/maps/surfaces/bigmap/SITE:fused/tiles/{place}")
+                asker.ask(
+                    "tile", f"/api/v1/workspaces/maps/surfaces/bigmap/SITE:fused/tiles/{place}"
+                )
             turn += 1
             time.sleep(PAUSE_S)
 
@@ -144,7 +149,9 @@ def under_load(server: ServerProcess, options: argparse.Namespace) -> None:
     for turn in range(1 + int(options.seconds / 20)):
         for name in ("one", "two"):
             body = {"kind": "run", "parameters": {"force": turn > 0}}
-            made_job = asker.ask("submit", f"/api/v1/workspaces/{name}/jobs", json.dumps(body).encode())
+            made_job = asker.ask(
+                "submit", f"/api/v1/workspaces/{name}/jobs", json.dumps(body).encode()
+            )
             jobs.append(json.loads(made_job)["id"])
     described = json.loads(asker.ask("", "/api/v1/workspaces/maps/surfaces/bigmap/SITE:fused"))
     tiles = [(one["level"], one["tiles"]) for one in described["levels"]]
@@ -182,7 +189,9 @@ def under_load(server: ServerProcess, options: argparse.Namespace) -> None:
         print(f"    {error}")
     half = len(memory.samples) // 2
     first, most = max(memory.samples[:half]), max(memory.samples)
-    print(f"memory of the server: {memory.samples[0]:.0f} MB at first, {memory.samples[-1]:.0f} at last")
+    print(
+        f"memory of the server: {memory.samples[0]:.0f} MB at first, {memory.samples[-1]:.0f} at last"
+    )
     row("memory of the server, most", most, "MB", 1500.0)
     row("its growth in the second half", 100.0 * (most / first - 1.0), "%", 5.0)
     for job in jobs:
@@ -245,7 +254,12 @@ def upload(server: ServerProcess, folder: Path, megabytes: int) -> None:
 
     def send() -> None:
         asker = Asker(server.url)
-        new = {"name": "a.las", "size": megabytes * BLOCK, "sha256": digest.hexdigest(), "kind": "scan"}
+        new = {
+            "name": "a.las",
+            "size": megabytes * BLOCK,
+            "sha256": digest.hexdigest(),
+            "kind": "scan",
+        }
         place = "/api/v1/workspaces/one/uploads"
         identity = json.loads(asker.ask("", place, json.dumps(new).encode()))["id"]
         times.append(seconds(lambda: patch(server.url, f"{place}/{identity}", content, megabytes)))
@@ -261,7 +275,9 @@ def upload(server: ServerProcess, folder: Path, megabytes: int) -> None:
         plain.append(seconds(write))
         send()
     disk, sent = megabytes / np.median(plain), megabytes / np.median(times)
-    print(f"disk {disk:.0f} MB/s, upload {sent:.0f} MB/s, its checksum {np.median(completes):.1f} s")
+    print(
+        f"disk {disk:.0f} MB/s, upload {sent:.0f} MB/s, its checksum {np.median(completes):.1f} s"
+    )
     row(f"upload of {megabytes} MB, of the disk's rate", 100.0 * sent / disk, "%", 60.0, least=True)
 
 

@@ -251,7 +251,9 @@ def test_a_lost_cluster_is_reported_in_one_line(
     assert next(stream) == 0
     lonely.kill(dies)
     begun = time.monotonic()
-    with pytest.raises(ClusterError, match=f"{lonely.address}.*{message}.*what is finished is kept"):
+    with pytest.raises(
+        ClusterError, match=f"{lonely.address}.*{message}.*what is finished is kept"
+    ):
         list(stream)
     executor.close()
     assert time.monotonic() - begun < 60
