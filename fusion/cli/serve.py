@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +28,7 @@ from spcola.errors import SettingsError, WorkspaceError
 
 if TYPE_CHECKING:
     from fusion.service.store import Store, Token
+    from fusion.service.upkeep import ServiceSettings
     from fusion.service.work import Supervisor
 
 STATE_FOLDER = ".service"
@@ -44,6 +48,15 @@ StoreOption = Annotated[
         envvar="SPCOLA_STORE",
         help="Where jobs, tokens and the audit log are: postgresql://USER@HOST/NAME; by default "
         "SQLite in DIR/.service. Give a password in the variable SPCOLA_STORE, not here.",
+    ),
+]
+TelemetryOption = Annotated[
+    str,
+    typer.Option(
+        metavar="URL",
+        envvar="OTEL_EXPORTER_OTLP_ENDPOINT",
+        help="Collector of OpenTelemetry (OTLP over HTTP) for spans of requests, jobs, stages and "
+        "items, as http://127.0.0.1:4318; needs spcola[telemetry].",
     ),
 ]
 WorkerCount = Annotated[int, typer.Option(metavar="N", min=1, max=256, help="Worker processes.")]
@@ -98,32 +111,35 @@ def start(
     ] = 1,
     store: StoreOption = "",
     cluster: ClusterOption = "",
+    telemetry: TelemetryOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Serve a folder until SIGTERM or Ctrl-C; running items are finished then."""
     from fusion.service.api import Entrance, Service, listening, run_server
+    from fusion.service.upkeep import Cleaner
     from fusion.service.work import start_log
 
-    with _alone(folder) as state, _opened(folder, store) as opened:
-        _record_recovered(opened, folder)
+    with _alone(folder) as state, _traced(telemetry, "server"), _opened(folder, store) as opened:
+        settings = _settings(folder)
         entrance = Entrance.of(host, tuple(name or ()))
-        listener = listening(host, port)
-        bound = listener.getsockname()[1]
-        url = f"http://{f'[{host}]' if ':' in host else host}:{bound}/"
-        content = {"url": url, "folder": folder.resolve(), "workers": workers}
-        lines = [f"serving {folder} at {url} with {workers} workers; end with Ctrl-C"]
-        if entrance.token_needed and not opened.tokens.all():
-            lines.append(f"nobody has a token yet: spcola serve token add {folder} USER")
         start_log(state / "logs", "server")
-        crew = _supervisor(folder, store, workers, cluster, opened)
-        crew.start()
-        try:
-            service = Service(folder, opened)
-            run_server(
-                service, entrance, listener, started=lambda: show(content, lines, as_json=as_json)
-            )
-        finally:
-            crew.stop()
+        _record_recovered(opened, folder)
+        with listening(host, port) as listener:
+            bound = listener.getsockname()[1]
+            url = f"http://{f'[{host}]' if ':' in host else host}:{bound}/"
+            content = {"url": url, "folder": folder.resolve(), "workers": workers}
+            lines = [f"serving {folder} at {url} with {workers} workers; end with Ctrl-C"]
+            if entrance.token_needed and not opened.tokens.all():
+                lines.append(f"nobody has a token yet: spcola serve token add {folder} USER")
+            crew = _supervisor(folder, store, workers, cluster, opened)
+            service = Service(folder, opened, settings.limits, crew=crew)
+            started = partial(show, content, lines, as_json=as_json)
+            crew.start()
+            try:
+                with Cleaner(service, state / "logs", settings.keep):
+                    run_server(service, entrance, listener, started=started)
+            finally:
+                crew.stop()
 
 
 def worker(
@@ -131,13 +147,23 @@ def worker(
     workers: WorkerCount = 1,
     store: StoreOption = "",
     cluster: ClusterOption = "",
+    telemetry: TelemetryOption = "",
 ) -> None:
     """Run workers alone, as on further hosts with the same folder and a PostgreSQL store."""
     from fusion.service.work import start_log
 
-    with _opened(folder, store) as opened:
+    with _traced(telemetry, "workers"), _opened(folder, store) as opened:
         start_log(folder / STATE_FOLDER / "logs", "workers")
         _supervisor(folder, store, workers, cluster, opened).run()
+
+
+def settings(folder: FolderArgument, as_json: JsonOption = False) -> None:
+    """Print the settings of a service, also those that its file does not give."""
+    from fusion.service.upkeep import settings_text
+
+    found = _settings(folder)
+    lines = settings_text(found).rstrip().splitlines()
+    show({"settings": asdict(found)}, lines, as_json=as_json)
 
 
 def backup(
@@ -221,11 +247,10 @@ def token_revoke(
 @contextmanager
 def _alone(folder: Path) -> Iterator[Path]:
     """Let no second service work on a folder meanwhile; yield the folder of its state."""
-    from fusion.runtime.folders import locked, make_folder
+    from fusion.runtime.folders import locked
     from fusion.runtime.folders.lock import BusyError
 
-    state = _state_folder(folder)
-    make_folder(state)
+    state = _made_state_folder(folder)
     with ExitStack() as lock:
         try:
             lock.enter_context(locked(state / _LOCK_FILE))
@@ -237,27 +262,70 @@ def _alone(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _opened(folder: Path, store: str) -> Iterator[Store]:
-    try:
-        from fusion.service.store import Store
-    except ImportError as error:
+    _require_packages()
+    from fusion.service.store import Store
+
+    state = _made_state_folder(folder)
+    with Store(store or state / "store.sqlite", backups=state) as opened:
+        yield opened
+
+
+def _require_packages() -> None:
+    if not all(map(find_spec, ("sqlalchemy", "fastapi", "uvicorn", "structlog"))):
         raise SettingsError(
             "needs further packages", "spcola serve", "install them: pip install 'spcola[service]'"
-        ) from error
-    with Store(store or _state_folder(folder) / "store.sqlite") as opened:
-        yield opened
+        )
+
+
+@contextmanager
+def _traced(telemetry: str, name: str) -> Iterator[None]:
+    """Send spans to a collector meanwhile, if one is named."""
+    from fusion.service.tracing import COLLECTOR_VARIABLE, start_tracing
+
+    former = os.environ.get(COLLECTOR_VARIABLE, "")
+    # Workers have it from here.
+    os.environ[COLLECTOR_VARIABLE] = telemetry
+    try:
+        with start_tracing(name):
+            yield
+    finally:
+        os.environ[COLLECTOR_VARIABLE] = former
+
+
+def _settings(folder: Path) -> ServiceSettings:
+    _require_packages()
+    from fusion.service.upkeep import SETTINGS_NAME, read_settings
+
+    return read_settings(_state_folder(folder) / SETTINGS_NAME)
 
 
 def _state_folder(folder: Path) -> Path:
     if not folder.is_dir():
-        raise WorkspaceError("is not a folder", folder, "create it")
+        do = "give a folder" if folder.exists() else "create it"
+        raise WorkspaceError("is not a folder", folder, do)
     return folder.resolve() / STATE_FOLDER
+
+
+def _made_state_folder(folder: Path) -> Path:
+    """Return the folder of the service's state; it is made for the eyes of its user only."""
+    from fusion.runtime.folders import make_folder
+
+    state = _state_folder(folder)
+    if not state.exists():
+        make_folder(state)
+        state.chmod(0o700)
+    return state
 
 
 def _supervisor(folder: Path, store: str, count: int, cluster: str, opened: Store) -> Supervisor:
     from fusion.runtime import usable_cores
     from fusion.service.work import Supervisor, WorkOptions, worker_command
 
-    options = WorkOptions(threads=max(1, usable_cores() // max(1, count)), cluster=cluster)
+    options = WorkOptions(
+        threads=max(1, usable_cores() // max(1, count)),
+        cluster=cluster,
+        limits=_settings(folder).parsers,
+    )
     place = store or _state_folder(folder) / "store.sqlite"
     command = worker_command(folder.resolve(), place, options)
     return Supervisor(command, count, lost=opened.lost)
@@ -286,6 +354,7 @@ def _token_line(token: Token) -> str:
 _COMMANDS = (
     (app, "start", start, "spcola serve missions --port 8080 --workers 2"),
     (app, "worker", worker, "spcola serve worker missions --store postgresql://spcola@db/spcola"),
+    (app, "settings", settings, "spcola serve settings missions"),
     (app, "backup", backup, "spcola serve backup missions store-2026-11-23.sqlite"),
     (app, "restore", restore, "spcola serve restore missions store-2026-11-23.sqlite"),
     (tokens, "add", token_add, "spcola serve token add missions anna --scope run --days 90"),

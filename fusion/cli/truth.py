@@ -8,10 +8,17 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import typer
 
-from fusion.cli.assess import assess
-from fusion.cli.options import JsonOption, PanelCommand, WorkersOption, with_shared_options
+from fusion.cli.options import (
+    JsonOption,
+    PanelCommand,
+    WorkersOption,
+    WorkspaceArgument,
+    site_of,
+    with_shared_options,
+)
 from fusion.cli.output import show
 from fusion.cli.program import guarded
+from fusion.service.commands.assessment import AssessOptions, assess_models
 
 app = typer.Typer(
     name="truth",
@@ -124,6 +131,22 @@ def make(
         f"Next: spcola init WS {given}, spcola import WS {folder / 'lidar'}/*",
     ]
     show(content, lines, as_json=as_json)
+
+
+def assess(
+    workspace: WorkspaceArgument,
+    given: AssessOptions,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare models with the truth of a synthetic mission.
+
+    Prints 3D rms and optimised 3D rms, height errors by region, slopes, resolution, calibration of
+    the stated sigmas, FormU, and recovered against planted parameters.
+    """
+    given.check()
+    site = site_of(workspace, workers=workers, as_json=as_json)
+    show(*assess_models(site, given), as_json=as_json)
 
 
 app.command(

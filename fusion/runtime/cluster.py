@@ -18,6 +18,7 @@ from distributed.client import ClosedClientError
 from distributed.comm import CommClosedError
 from distributed.core import rpc
 from distributed.scheduler import KilledWorker
+from distributed.security import Security
 
 from fusion.runtime.children import Payload, PoisonousItemError, item_name, perform
 from fusion.runtime.executor import AHEAD, ClusterError
@@ -248,7 +249,9 @@ def _asked(address: str) -> dict[str, Any]:
     """
 
     async def identity() -> dict[str, Any]:
-        async with rpc(address, timeout=_ANSWER_S) as server:
+        # With the certificates of Dask's own configuration, as the client has them.
+        secured = Security().get_connection_args("client")
+        async with rpc(address, timeout=_ANSWER_S, connection_args=secured) as server:
             found: dict[str, Any] = await server.identity()
             return found
 
@@ -279,7 +282,10 @@ class NoClusterError(ClusterError, SettingsError):
 
 
 def _no_scheduler(address: str) -> NoClusterError:
-    return NoClusterError(f"no Dask scheduler answers at {address}", WHERE, _START)
+    do = _START
+    if address.startswith("tls:"):
+        do = f"{_START}; check the certificates of distributed.comm.tls in Dask's configuration"
+    return NoClusterError(f"no Dask scheduler answers at {address}", WHERE, do)
 
 
 def _given_up(item: Any) -> PoisonousItemError:

@@ -3,4 +3,5 @@ from .payload import Payload as Payload
 from .payload import perform as perform
 from .poisonous import PoisonousItemError as PoisonousItemError
 from .poisonous import item_name as item_name
+from .pool import ItemRun as ItemRun
 from .pool import ProcessExecutor as ProcessExecutor

@@ -8,9 +8,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
 from typing import Any, Self, TypeVar
@@ -31,6 +33,27 @@ TRIES = 3
 """Processes that one item may end."""
 _START = "from fusion.runtime.children.child import serve; serve({}, {}, {})"
 _START_S = 120.0
+
+
+@dataclass(frozen=True)
+class ItemRun:
+    """What became of an item.
+
+    Parameters
+    ----------
+    name : str
+    seconds : float
+        Of all its tries.
+    deaths : tuple of str
+        How each process ended that the item cost.
+    error : str
+        Class of the error with which it ended; empty if it has a result.
+    """
+
+    name: str
+    seconds: float
+    deaths: tuple[str, ...]
+    error: str = ""
 
 
 class _DiedError(Exception):
@@ -57,14 +80,21 @@ class ProcessExecutor:
         Memory of a child, and time for an item; a child that exceeds them is ended.
     tries : int
         Children that one item may end.
+    seen : callable, optional
+        Takes what became of each item, from the thread that waited for it.
     """
 
     def __init__(
-        self, workers: int | None = None, *, limits: ProcessLimits | None = None, tries: int = TRIES
+        self,
+        workers: int | None = None,
+        *,
+        limits: ProcessLimits | None = None,
+        tries: int = TRIES,
+        seen: Callable[[ItemRun], None] | None = None,
     ) -> None:
         self._threads = ThreadExecutor(workers)
         self.workers = self._threads.workers
-        self._limits, self._tries = limits, tries
+        self._limits, self._tries, self._seen = limits, tries, seen
         self._children: set[_Child] = set()
         self._idle: list[_Child] = []
         self._lock = threading.Lock()
@@ -100,7 +130,20 @@ class ProcessExecutor:
         return self._threads.stream(partial(self._done, Payload.of(function)), items, ahead=ahead)
 
     def _done(self, payload: Payload, item: Any) -> Any:
-        """Return the result of an item."""
+        """Return the result of an item, and report what became of it."""
+        begun, deaths, error = time.monotonic(), list[str](), ""
+        try:
+            return self._tried(payload, item, deaths)
+        except BaseException as raised:
+            error = type(raised).__name__
+            raise
+        finally:
+            if self._seen is not None:
+                seconds = time.monotonic() - begun
+                self._seen(ItemRun(item_name(item), seconds, tuple(deaths), error))
+
+    def _tried(self, payload: Payload, item: Any, deaths: list[str]) -> Any:
+        """Return the result of an item; add to `deaths` how each of its processes ended."""
         message, last = cloudpickle.dumps(item), _DiedError()
         for _ in range(self._tries):
             try:
@@ -108,6 +151,7 @@ class ProcessExecutor:
                     kind, value = child.answer(payload, message)
             except _DiedError as death:
                 last = death
+                deaths.append(str(death))
                 continue
             if kind == ERROR:
                 raise value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
@@ -25,13 +25,17 @@ class EventFeed:
     queue : JobQueue
     every_s : float
         How often it looks, s, whatever the number of streams.
+    noticed : callable
+        Takes each event that happens after the start.
     """
 
     queue: JobQueue
     every_s: float = 0.25
+    noticed: Callable[[Event], None] = lambda _: None
     last: int = 0
     _news: asyncio.Condition = field(default_factory=asyncio.Condition)
     _closed: bool = False
+    _caught_up: bool = False
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -56,6 +60,9 @@ class EventFeed:
             # A store that cannot be read for a moment is asked again; streams only wait.
             with suppress(Exception):
                 fresh = await run_in_threadpool(self.queue.events, self.last, limit=_PAGE)
+                for event in fresh if self._caught_up else ():
+                    self.noticed(event)
+                self._caught_up = self._caught_up or len(fresh) < _PAGE
                 if fresh:
                     async with self._news:
                         self.last = fresh[-1].number

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import re
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -20,10 +21,11 @@ from fusion.service.api.rate import RateLimit
 from fusion.service.api.records import request_id
 from fusion.service.api.service import Service
 from fusion.service.store import AuditEntry, StoreError, StoreFault
+from spcola.errors import InvalidValueError
 
 PAGE_POLICY = (
-    "default-src 'self'; img-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; "
-    "style-src 'self' 'unsafe-inline'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    "default-src 'self'; img-src 'self' data: blob:; worker-src 'self'; object-src 'none'; "
+    "style-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 _HEADERS = {
     "Content-Security-Policy": PAGE_POLICY,
@@ -75,7 +77,16 @@ class Entrance:
 
         Without a token nobody may, unless the address is this machine's alone and it has no other
         name: a name is that of a proxy in front, through which anybody may come.
+
+        Raises
+        ------
+        InvalidValueError
+            If a name is no name of a host.
         """
+        for name in names:
+            if not re.fullmatch(r"[A-Za-z0-9._-]+", name):
+                do = "give it without scheme, port and path, as spc.example.org"
+                raise InvalidValueError("is no name of a host", f"--name {name[:60]!r}", do)
         own = {host.strip("[]")} | set(names)
         return cls(
             frozenset(name.lower() for name in own | _LOOPBACK_NAMES),

@@ -6,12 +6,17 @@ import logging
 import time
 import uuid
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
-from starlette.datastructures import MutableHeaders
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from fusion.service.jobs import Event, JobState
+from fusion.service.tracing import Span, begin_span, end_span
+
 _LOG = logging.getLogger("spcola.service")
+_FAILURE = 500
+_ENDED = {state.value for state in JobState if state.ended}
 
 
 class Metrics:
@@ -35,7 +40,20 @@ class Metrics:
         self.streams = Gauge(
             "spcola_event_streams", "Open streams of events.", registry=self.registry
         )
-        self.jobs = Gauge("spcola_jobs", "Jobs by state.", ("state",), registry=self.registry)
+        self.ended = Counter(
+            "spcola_jobs_ended",
+            "Jobs that ended since the start: finished, cancelled, or the code of the error.",
+            ("outcome",),
+            registry=self.registry,
+        )
+        ProcessCollector(registry=self.registry)
+
+    def count_event(self, event: Event) -> None:
+        """Count a job that has ended."""
+        state = event.content.get("state") if event.kind == "state" else None
+        if state in _ENDED:
+            error = event.content.get("error") or {}
+            self.ended.labels(error.get("code") or state).inc()
 
 
 def request_id(request: Request) -> str:
@@ -58,6 +76,8 @@ class Recorded:
         number = uuid.uuid4().hex[:16]
         scope.setdefault("state", {})["request_id"] = number
         begun, status = time.monotonic(), 0
+        headers = {name: value for name, value in Headers(scope=scope).items() if "trace" in name}
+        span = begin_span(scope["method"], {"url.path": scope["path"]}, trace=headers)
 
         async def numbered(message: Message) -> None:
             nonlocal status
@@ -69,9 +89,9 @@ class Recorded:
         try:
             await self.app(scope, receive, numbered)
         finally:
-            self._record(scope, status, time.monotonic() - begun)
+            self._record(scope, status, time.monotonic() - begun, span)
 
-    def _record(self, scope: Scope, status: int, seconds: float) -> None:
+    def _record(self, scope: Scope, status: int, seconds: float, span: Span) -> None:
         # A path as it was asked for would make a series of its own of every file and job.
         route = getattr(scope.get("route"), "path", "none")
         self.metrics.requests.labels(scope["method"], route, str(status)).inc()
@@ -87,3 +107,7 @@ class Recorded:
             "address": (scope.get("client") or ("",))[0],
         }
         _LOG.info("request", extra=fields)
+        if span is not None:
+            span.update_name(f"{scope['method']} {route}")
+            failed = {"error": str(status)} if status >= _FAILURE else {}
+            end_span(span, status=status, request=fields["request"], user=fields["user"], **failed)

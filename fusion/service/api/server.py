@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import socket
 from collections.abc import Callable
@@ -16,6 +17,10 @@ from spcola.errors import SpcolaError
 _GRACE_S = 10
 _IDLE_S = 65
 _BACKLOG = 2048
+_ADVICE = {
+    errno.EADDRINUSE: "choose another --port, or stop what uses it",
+    errno.EACCES: "choose a --port from 1024 on",
+}
 
 
 def listening(host: str, port: int) -> socket.socket:
@@ -42,7 +47,7 @@ def listening(host: str, port: int) -> socket.socket:
         opened.listen(_BACKLOG)
     except OSError as error:
         opened.close()
-        do = "choose another --port, or stop what uses it"
+        do = _ADVICE.get(error.errno or 0, "check --host")
         raise SpcolaError(f"cannot be used ({error.strerror})", where, do) from error
     return opened
 

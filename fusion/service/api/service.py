@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import shutil
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +17,7 @@ from starlette.requests import Request
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import EventFeed
+from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
 from fusion.service.api.records import Metrics
 from fusion.service.store import Store, Token
 from fusion.service.views.surfaces import LayerCache
@@ -42,6 +45,8 @@ class Limits:
         Uploads of a workspace that are not imported yet.
     quota_bytes : int
         All of these together.
+    user_quota_bytes : int
+        Uploads of one user that are not imported yet, in all workspaces.
     requests_per_s, request_burst : float, int
         Of a token or an address, in the long run and at once.
     failures_per_s, failure_burst : float, int
@@ -58,6 +63,7 @@ class Limits:
     upload_bytes: int = 1 << 38
     uploads: int = 10_000
     quota_bytes: int = 1 << 40
+    user_quota_bytes: int = 1 << 40
     requests_per_s: float = 200.0
     request_burst: int = 1000
     failures_per_s: float = 0.2
@@ -78,16 +84,21 @@ class Service:
     store : Store
         Jobs, events, tokens, uploads and the audit log.
     limits : Limits
+    crew : Crew, optional
+        The workers that run with the server.
     """
 
     root: Path
     store: Store
     limits: Limits = field(default_factory=Limits)
     metrics: Metrics = field(default_factory=Metrics)
+    crew: Crew | None = None
 
     def __post_init__(self) -> None:
         self.root = self.root.resolve()
-        self.feed = EventFeed(self.store)
+        self.metrics.registry.register(Measures(self.root, self.store, self.crew))
+        self.feed = EventFeed(self.store, noticed=self.metrics.count_event)
+        self.beginning = threading.Lock()
         self.cache = LayerCache()
         self.streams = 0
         self._receiving: set[str] = set()
@@ -183,19 +194,27 @@ class Service:
         finally:
             self._receiving.discard(upload)
 
-    def count_jobs(self) -> None:
-        """Count the jobs of each state for the metrics."""
-        for state, count in self.store.counts().items():
-            self.metrics.jobs.labels(state.value).set(count)
+    def checks(self) -> dict[str, str]:
+        """Return what the service needs, each with ``ok`` or what is wrong.
 
-    def ready(self) -> str:
-        """Return why the service cannot work; empty if it can."""
+        Without `store` and `folder` it cannot work.
+        """
+        found = dict.fromkeys(("store", "folder", "disk", "workers"), "ok")
         try:
             self.store.jobs(limit=1)
+        except SpcolaError as error:
+            found["store"] = type(error).__name__
+        try:
             self.names()
-        except (SpcolaError, OSError) as error:
-            return type(error).__name__
-        return ""
+            if not os.access(self.root / STATE_FOLDER, os.R_OK | os.W_OK | os.X_OK):
+                found["folder"] = "cannot be written"
+            if shutil.disk_usage(self.root).free < LOW_DISK_BYTES:
+                found["disk"] = "nearly full"
+        except OSError as error:
+            found["folder"] = type(error).__name__
+        if self.crew is not None and len(self.crew.workers) < self.crew.count:
+            found["workers"] = "some are missing"
+        return found
 
 
 def service_of(request: Request) -> Service:

@@ -27,7 +27,8 @@ _SQLITE_FAULTS = {
     "FULL": (StoreFault.DISK_FULL, "no space is left on the disk"),
     "CORRUPT": (StoreFault.DAMAGED, "is damaged"),
     "NOTADB": (StoreFault.DAMAGED, "is not an SQLite data base"),
-    "CANTOPEN": (StoreFault.UNAVAILABLE, "cannot be opened"),
+    "CANTOPEN": (StoreFault.UNAVAILABLE, "cannot be opened: check its permissions"),
+    "READONLY": (StoreFault.UNAVAILABLE, "cannot be written: check its permissions"),
 }
 _POSTGRESQL_FAULTS = {
     "53100": (StoreFault.DISK_FULL, "no space is left on the disk of the server"),
@@ -73,7 +74,8 @@ class Database:
             self.engine = _sqlite_engine(self.path)
         else:
             parsed = _postgresql_url(text_url)
-            self.name = parsed.render_as_string(hide_password=True)
+            given = parsed.set(drivername="postgresql")
+            self.name = given.render_as_string(hide_password=True)
             self.engine = _postgresql_engine(parsed)
         self._writing = self.engine.execution_options(writes=True)
         # PostgreSQL: one snapshot for all statements, as SQLite has it.
@@ -117,6 +119,8 @@ class Database:
         reason = str(cause).strip().partition("\n")[0]
         code, what = fault or (StoreFault.UNAVAILABLE, f"cannot be used ({reason})")
         do = "start the service again: it makes a new store" if code is StoreFault.DAMAGED else None
+        if fault is None and self.path is None:
+            do = "check that PostgreSQL runs, and the URL"
         return StoreError(code, what, self.name, do)
 
 

@@ -65,8 +65,9 @@ def _sound_file(path: Path) -> list[str]:
         try:
             damage = damage_of(path)
         except (OSError, sqlite3.Error) as error:
-            what = f"cannot be read ({error})"
-            raise StoreError(StoreFault.UNAVAILABLE, what, path) from error
+            what = f"cannot be read and written ({error})"
+            do = "check the permissions of the file and its folder"
+            raise StoreError(StoreFault.UNAVAILABLE, what, path, do) from error
         if not damage:
             return []
         aside = _move_aside(path)
@@ -113,7 +114,9 @@ def _prepare(database: Database, backups: Path | None) -> None:
         version = stored_version(connection)
     check_version(version, database.name)
     if version == VERSION:
-        return
+        # One that can only be read is refused now, not at the first job.
+        with database.writing():
+            return
     if version and backups is not None:
         write_backup(database, backups / f"store-version-{version}-{_stamp()}.sqlite")
     elif version:

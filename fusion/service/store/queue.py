@@ -22,6 +22,7 @@ from fusion.service.store.rows import (
     progress_of,
     row_of,
     stored,
+    time_of,
 )
 from fusion.service.store.schema import EVENT, JOB
 from fusion.service.store.submission import add_job
@@ -116,6 +117,18 @@ class SqlQueue:
         with self._database.reading() as connection:
             found = {str(row[0]): int(row[1]) for row in connection.execute(query)}
         return {state: found.get(state.value, 0) for state in JobState}
+
+    def oldest(self) -> dict[JobState, float]:
+        """Return since when the oldest job waits (as submitted) and runs; NaN if none does."""
+        begun = {JobState.WAITING: JOB.c.submitted, JobState.RUNNING: JOB.c.begun}
+        with self._database.reading() as connection:
+            found = {
+                state: connection.execute(
+                    select(func.min(time)).where(JOB.c.state == state.value)
+                ).scalar()
+                for state, time in begun.items()
+            }
+        return {state: time_of(time) for state, time in found.items()}
 
     def claim(self, worker: str, lease_s: float) -> Job | None:
         """Take the next job that may begin; None if there is none.

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from sqlalchemy import select
+
 from fusion.service.store.audit import AuditLog
 from fusion.service.store.backup import read_backup, write_backup
+from fusion.service.store.errors import StoreError
 from fusion.service.store.opening import opened_database
 from fusion.service.store.queue import SqlQueue
 from fusion.service.store.records import AuditEntry
+from fusion.service.store.retention import Retention
+from fusion.service.store.schema import SETTING
 from fusion.service.store.tokens import Tokens
 from fusion.service.store.uploads import Uploads
+
+LAST_BACKUP, LAST_CLEANING = "last-backup", "last-cleaning"
+"""What :meth:`Store.note_time` notes."""
 
 
 class Store(SqlQueue):
@@ -41,6 +51,7 @@ class Store(SqlQueue):
     tokens : Tokens
     audit : AuditLog
     uploads : Uploads
+    retention : Retention
 
     Raises
     ------
@@ -61,8 +72,21 @@ class Store(SqlQueue):
         self.tokens = Tokens(database, clock)
         self.audit = AuditLog(database, clock)
         self.uploads = Uploads(database, clock)
+        self.retention = Retention(database, clock)
         for note in self.notes:
             self.audit.add(AuditEntry("spcola", "store-rebuilt", details={"text": note}))
+
+    def note_time(self, name: str) -> None:
+        """Note that something happens now."""
+        with self._database.writing() as connection:
+            connection.execute(SETTING.delete().where(SETTING.c.name == name))
+            connection.execute(SETTING.insert().values(name=name, value=repr(self._clock())))
+
+    def noted_time(self, name: str) -> float:
+        """Return when something happened last, seconds since 1970; NaN if never."""
+        query = select(SETTING.c.value).where(SETTING.c.name == name)
+        with self._database.reading() as connection:
+            return float(connection.execute(query).scalar() or math.nan)
 
     def backup(self, path: str | Path) -> None:
         """Write all to a new SQLite file, as it is at one moment, while others go on.
@@ -73,6 +97,10 @@ class Store(SqlQueue):
             If the file exists or cannot be written.
         """
         write_backup(self._database, Path(path))
+        # Also one of a store on a full disk counts.
+        with suppress(StoreError):
+            self.audit.add(AuditEntry("spcola", "store-saved", target=Path(path).name))
+            self.note_time(LAST_BACKUP)
 
     def restore(self, path: str | Path) -> None:
         """Replace all by a backup, also one of an earlier version or of the other kind of store.

@@ -42,11 +42,17 @@ class Uploads:
         with self._database.reading() as connection:
             return _upload(_row(connection, identity))
 
-    def kept(self, workspace: str) -> list[Upload]:
-        """Return the uploads of a workspace that take space: not the removed ones. Oldest first."""
-        query = select(UPLOAD).where(
-            UPLOAD.c.workspace == workspace, UPLOAD.c.state != UploadState.REMOVED.value
-        )
+    def kept(self, workspace: str = "") -> list[Upload]:
+        """Return the uploads that take space: not the removed ones. Oldest first.
+
+        Parameters
+        ----------
+        workspace : str
+            Only those of this one; empty for all.
+        """
+        query = select(UPLOAD).where(UPLOAD.c.state != UploadState.REMOVED.value)
+        if workspace:
+            query = query.where(UPLOAD.c.workspace == workspace)
         with self._database.reading() as connection:
             rows = connection.execute(query.order_by(UPLOAD.c.created, UPLOAD.c.id))
             return [_upload(row) for row in rows]

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from fusion.service.jobs import Job, JobProgress, JobQueue
-from fusion.service.store import LeaseLostError
+from fusion.service.store import LeaseLostError, UnknownJobError
 from fusion.service.work.logs import log
 from fusion.service.work.options import WorkOptions
 from fusion.service.work.stopping import Stop, Stopper
@@ -73,7 +73,8 @@ class Lease:
             self._check_still(progress)
             try:
                 self._renew(progress)
-            except LeaseLostError:
+            except (LeaseLostError, UnknownJobError):
+                # Also where a backup was restored that does not have the job.
                 self._stopper.stop(Stop.LOST)
                 return
             except Exception as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import logging.handlers
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,12 @@ from typing import Any
 import structlog
 
 from fusion.runtime.folders import make_folder
+from spcola.errors import SettingsError
 
 _LARGEST = 20_000_000
 _KEPT = 5
+LEVEL_VARIABLE = "SPCOLA_LOG_LEVEL"
+_LEVELS = ("debug", "info", "warning", "error")
 
 log: Any = structlog.get_logger("spcola.service")
 
@@ -27,7 +31,15 @@ def start_log(folder: Path | None, name: str) -> None:
         Where the file ``NAME.jsonl`` goes; up to five older ones of 20 MB are kept.
     name : str
         Of the process: each has a file of its own.
+
+    Raises
+    ------
+    SettingsError
+        If the variable SPCOLA_LOG_LEVEL is no level.
     """
+    level = os.environ.get(LEVEL_VARIABLE, "info")
+    if level not in _LEVELS:
+        raise SettingsError(f"{level!r} is none of {', '.join(_LEVELS)}", LEVEL_VARIABLE)
     # A full disk must not fill the terminal with traces of the log itself.
     logging.raiseExceptions = False
     common: list[Any] = [
@@ -58,6 +70,8 @@ def start_log(folder: Path | None, name: str) -> None:
     for handler in handlers:
         handler.setFormatter(form)
     logging.basicConfig(level=logging.INFO, handlers=handlers, force=True)
+    # Of this program only: libraries have details of their own in plenty.
+    logging.getLogger("spcola").setLevel(level.upper())
     structlog.configure(
         processors=[*common, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
         logger_factory=structlog.stdlib.LoggerFactory(),

@@ -14,6 +14,7 @@ from pathlib import Path
 from fusion.runtime.children import end_with_parent
 from fusion.runtime.processes import ProcessLimits
 from fusion.service.store import Store
+from fusion.service.tracing import start_tracing
 from fusion.service.work.logs import start_log
 from fusion.service.work.options import WorkOptions
 from fusion.service.work.places import STATE_FOLDER
@@ -64,7 +65,7 @@ def run_worker(
         As of :func:`work`.
     """
     start_log(folder / STATE_FOLDER / "logs", name)
-    with Store(store) as opened:
+    with start_tracing(name), Store(store) as opened:
         work(opened, folder, options, name=name, upload=opened.uploads.get, beat=beat)
 
 

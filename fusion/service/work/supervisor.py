@@ -71,10 +71,11 @@ class Supervisor:
         drain_s: float = 60.0,
         silent_s: float = 300.0,
     ) -> None:
-        self._command, self._count, self._lost = list(command), count, lost
+        self._command, self._lost = list(command), lost
         self._drain_s, self._silent_s = drain_s, silent_s
         self._slots: list[_Slot | None] = [None] * count
         self._quick = [0] * count
+        self.count, self.ended = count, 0
         self._due = [0.0] * count
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="supervisor", daemon=True)
@@ -108,7 +109,7 @@ class Supervisor:
     def _watch(self) -> None:
         beat = time.monotonic()
         while not self._stopping.wait(_LOOK_S):
-            for place in range(self._count):
+            for place in range(self.count):
                 self._look(place)
             if time.monotonic() - beat >= _HEARTBEAT_S:
                 beat = time.monotonic()
@@ -157,6 +158,7 @@ class Supervisor:
     def _ended(self, place: int, slot: _Slot) -> None:
         """Report a worker that ended, and when the next one starts: later each time it is quick."""
         self._slots[place] = None
+        self.ended += 1
         slot.close()
         quick = time.monotonic() - slot.begun < _STEADY_S
         self._quick[place] = self._quick[place] + 1 if quick else 0
@@ -187,7 +189,7 @@ class Supervisor:
             if slot.process.returncode:
                 self._report_lost(slot.name)
             slot.close()
-        self._slots = [None] * self._count
+        self._slots = [None] * self.count
         log.info("drained")
 
 

@@ -16,7 +16,7 @@ from fusion.runtime import Executor, json_value
 from fusion.runtime.children import ProcessExecutor
 from fusion.runtime.processes import limited_memory
 from fusion.service.jobs import Job, JobError, JobQueue
-from fusion.service.store import LeaseLostError, Upload
+from fusion.service.store import LeaseLostError, UnknownJobError, Upload
 from fusion.service.work.kinds import UPLOADED, Assignment, perform_job
 from fusion.service.work.lease import Lease
 from fusion.service.work.logs import log
@@ -29,6 +29,7 @@ from spcola.atomic import flush_folders
 
 _STEP_S = 0.1
 _RECORD_TRIES = 8
+_DAY_S = 86_400.0
 
 
 def work(
@@ -64,7 +65,12 @@ def work(
     worker = _Worker(queue, Places(folder.resolve(), upload), options, name, beat)
     with structlog.contextvars.bound_contextvars(worker=name), worker.stopper.heeding_signals():
         log.info("worker begins")
+        written = time.monotonic()
         while not worker.stopper.draining:
+            if time.monotonic() - written > _DAY_S:
+                # So that the age of its file shows that somebody writes to it.
+                written = time.monotonic()
+                log.info("worker lives")
             if not worker.do_next():
                 if idle():
                     break
@@ -105,7 +111,8 @@ class _Worker:
         if job is None:
             return False
         request = job.request
-        with structlog.contextvars.bound_contextvars(job=job.id, workspace=request.workspace):
+        about = {"job": job.id, "workspace": request.workspace, "stage": ""}
+        with structlog.contextvars.bound_contextvars(**about):
             log.info("job begins", kind=request.kind.value, tries=job.tries, user=request.user)
             begun = time.monotonic()
             code = self._done(job)
@@ -115,7 +122,15 @@ class _Worker:
     def _done(self, job: Job) -> str:
         """Do a job and record what became of it; return that as a code."""
         again = {"force", "only", "within"} & job.request.parameters.keys()
-        report = JobReport(lambda text: self._note(job, text), counts_stages=not again)
+        report = JobReport(job, lambda text: self._note(job, text), counts_stages=not again)
+        outcome = "ended"
+        try:
+            outcome = self._attempted(job, report)
+        finally:
+            report.end(outcome)
+        return outcome
+
+    def _attempted(self, job: Job, report: JobReport) -> str:
         # What became of the job is recorded while its lease is renewed.
         with Lease(
             self._queue, job, self._name, self._options, self._progress(report), self.stopper,
@@ -145,14 +160,14 @@ class _Worker:
         return now
 
     def _result(self, job: Job, report: JobReport) -> dict[str, Any]:
-        with self._executor(job) as executor:
-            result = perform_job(Assignment(job.request, self._places, executor, report))
+        with self._executor(job, report) as executor:
+            result = perform_job(Assignment(job, self._places, executor, report))
         # A power cut must not take files of a job that is recorded as finished.
         flush_folders(self._places.workspace(job.request.workspace))
         return json_value(self._places.without_folder_in(result))
 
     @contextmanager
-    def _executor(self, job: Job) -> Iterator[Executor]:
+    def _executor(self, job: Job, report: JobReport) -> Iterator[Executor]:
         """Open what does the items of a job."""
         with ExitStack() as stack:
             uploaded = job.request.kind in UPLOADED
@@ -165,7 +180,9 @@ class _Worker:
             if limits is not None:
                 stack.enter_context(limited_memory(limits.memory_mb))
             options = self._options
-            made = ProcessExecutor(options.threads, limits=limits, tries=options.tries)
+            made = ProcessExecutor(
+                options.threads, limits=limits, tries=options.tries, seen=report.item_done
+            )
             yield stack.enter_context(made)
 
     def _stopped(self, job: Job) -> str:
@@ -219,8 +236,8 @@ class _Worker:
         for number in range(_RECORD_TRIES):
             try:
                 change()
-            except LeaseLostError:
-                log.warning("the job belongs to another worker by now")
+            except (LeaseLostError, UnknownJobError):
+                log.warning("the job belongs to another worker by now, or is no more")
             except Exception as error:
                 log.warning("the outcome was not recorded", error=str(error))
                 self._beat()

@@ -25,20 +25,24 @@ def health() -> Response:
 
 @routes.add("GET", "/ready", PUBLIC)
 def ready(request: Request) -> Response:
-    """Say whether the service can work: its store and its folder answer."""
-    if obstacle := service_of(request).ready():
+    """Say whether the service can work, and what is wrong with what it needs."""
+    checks = service_of(request).checks()
+    obstacles = [f"{name}: {checks[name]}" for name in ("store", "folder") if checks[name] != "ok"]
+    if obstacles:
         raise RequestRefusedError(
-            Refusal.UNAVAILABLE, f"not ready ({obstacle})", do="try again", retry_after_s=5.0
+            Refusal.UNAVAILABLE,
+            f"not ready ({', '.join(obstacles)})",
+            do="try again",
+            retry_after_s=5.0,
         )
-    return JSONResponse({"status": "ready"})
+    return JSONResponse({"status": "ready", "checks": checks})
 
 
 @routes.add("GET", "/metrics", READ_ALL)
 def metrics(request: Request) -> Response:
     """Return counters of the service, as Prometheus reads them."""
-    service = service_of(request)
-    service.count_jobs()
-    return Response(generate_latest(service.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+    registry = service_of(request).metrics.registry
+    return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
 @routes.add("GET", "/api/v1/openapi.json", KNOWN)

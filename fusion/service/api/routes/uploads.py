@@ -55,7 +55,7 @@ class UploadRequest(BaseModel):
     name: str = Field(min_length=1, max_length=255, description="Cleaned of all odd characters.")
     size: int = Field(ge=0, le=1 << 50, description="Bytes.")
     sha256: str = Field(pattern="^[0-9a-fA-F]{64}$", description="Of the whole file.")
-    kind: Literal["scan", "image", "kernel", "spc", "shape"]
+    kind: Literal["scan", "image", "kernel", "spc", "shape", "camera", "table", "other"]
 
 
 @routes.add("POST", "", RUN, status_code=201)
@@ -64,10 +64,12 @@ def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Respo
     service = service_of(request)
     # Files of a new workspace come before it is made.
     service.place(workspace)
-    _check_room(service, workspace, body.size)
     name, user = clean_name(body.name), caller_of(request).name
     new = Upload("", workspace, user, name, body.kind, body.size, body.sha256.lower())
-    upload = service.store.uploads.add(new)
+    # One after the other: two at once could exceed a limit together.
+    with service.beginning:
+        _check_room(service, new)
+        upload = service.store.uploads.add(new)
     try:
         _file_of(service, upload).begin()
     except BaseException:
@@ -206,26 +208,35 @@ async def _received(request: Request, service: Service, upload: Upload) -> Uploa
     return done
 
 
-def _check_room(service: Service, workspace: str, size: int) -> None:
-    """Refuse a file that is too large for the limits, the quota, or the disk."""
+def _check_room(service: Service, new: Upload) -> None:
+    """Refuse a file that is too large for the limits, the quotas, or the disk."""
     limits = service.limits
-    if size > limits.upload_bytes:
+    if new.size > limits.upload_bytes:
         raise RequestRefusedError(
             Refusal.TOO_LARGE, f"is more than {limits.upload_bytes} bytes", "size"
         )
-    others = service.store.uploads.kept(workspace)
-    used = sum(upload.size for upload in others)
-    if len(others) >= limits.uploads or used + size > limits.quota_bytes:
-        raise RequestRefusedError(
-            Refusal.OVER_QUOTA,
-            f"{len(others)} uploads of {used} bytes wait in the workspace already",
-            workspace,
-            "import or remove them",
-        )
-    if shutil.disk_usage(service.root).free < size + _RESERVE_BYTES:
+    kept = service.store.uploads.kept()
+    here = [upload for upload in kept if upload.workspace == new.workspace]
+    mine = [upload for upload in kept if upload.user == new.user]
+    if len(here) >= limits.uploads or _size(here) + new.size > limits.quota_bytes:
+        raise _over_quota(here, "in the workspace", new.workspace)
+    if _size(mine) + new.size > limits.user_quota_bytes:
+        raise _over_quota(mine, "of this user", new.user)
+    # Space that open uploads will take is not there any more.
+    promised = sum(upload.size - upload.offset for upload in kept)
+    if shutil.disk_usage(service.root).free < promised + new.size + _RESERVE_BYTES:
         raise RequestRefusedError(
             Refusal.DISK_FULL, "there is no space for it on the disk", do="free some"
         )
+
+
+def _size(uploads: list[Upload]) -> int:
+    return sum(upload.size for upload in uploads)
+
+
+def _over_quota(uploads: list[Upload], whose: str, where: str) -> RequestRefusedError:
+    what = f"{len(uploads)} uploads of {_size(uploads)} bytes wait {whose} already"
+    return RequestRefusedError(Refusal.OVER_QUOTA, what, where, "import or remove them")
 
 
 def _open(service: Service, workspace: str, identity: str) -> Upload:

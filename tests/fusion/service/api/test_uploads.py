@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
+from dataclasses import replace
 
 import pytest
 from asgi_client import AsgiClient
 
-from fusion.service.api import Service
+from fusion.service.api import Service, create_app
 from fusion.service.api.errors import RequestRefusedError
 from fusion.service.api.upload_file import clean_name
 
@@ -74,6 +76,31 @@ def test_uploads_have_limits_and_belong_to_one_workspace(client: AsgiClient) -> 
     begun(client)
     assert client.post(PLACE, json=asked | {"size": 1}).json()["code"] == "over-quota"
     assert len(client.get(PLACE).json()["uploads"]) == 3
+
+
+def test_users_workspaces_and_the_disk_have_room_for_so_much(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service.limits = replace(service.limits, user_quota_bytes=15_000, quota_bytes=12_000)
+    asked = {"name": "a", "size": 8000, "sha256": "0" * 64, "kind": "scan"}
+    places = [PLACE.replace("ball", name) for name in ("ball", "other")]
+    with AsgiClient(create_app(service)) as client:
+
+        def refusal(place: str, size: int) -> tuple[str, str]:
+            answer = client.post(place, json=asked | {"size": size}).json()
+            return answer["code"], answer.get("where", "")
+
+        first = client.post(places[0], json=asked).headers["location"]
+        assert refusal(places[0], 4001) == ("over-quota", "ball")
+        assert refusal(places[1], 7001) == ("over-quota", "local")
+        # An upload that is removed takes no room.
+        assert client.delete(first).status_code == 204
+        assert client.post(places[0], json=asked).status_code == 201
+        # The disk has to have room for what open uploads have announced, too.
+        usage = shutil._ntuple_diskusage(1 << 40, 0, (1 << 28) + 9000)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+        assert refusal(places[1], 1001)[0] == "disk-full"
+        assert client.post(places[1], json=asked | {"size": 1000}).status_code == 201
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ import stat
 from contextlib import closing
 from pathlib import Path
 
+import psycopg
 import pytest
+from command_line import called
 from sqlalchemy import inspect, text
 
 from fusion.pipeline.catalog.records import StageRecord
@@ -158,6 +160,16 @@ def test_a_store_of_the_first_version_is_read(store: Store, folder: Path) -> Non
         check_version_1(old)
     store.restore(version_1(folder / "old_backup.sqlite"))
     check_version_1(store)
+
+
+def test_a_first_version_on_a_server_is_read(new_database, folder: Path) -> None:
+    url = new_database()
+    with psycopg.connect(url) as server:
+        server.execute(VERSION_1.with_suffix(".postgresql.sql").read_bytes())
+    (listed,) = called("serve", "token", "list", folder, "--store", url)["tokens"]
+    assert listed["scopes"]
+    with Store(url) as old:
+        check_version_1(old)
 
 
 def test_an_older_store_is_upgraded_after_a_backup(new_url, folder: Path, monkeypatch) -> None:

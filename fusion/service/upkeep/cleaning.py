@@ -1,0 +1,135 @@
+"""What is older than its age is removed, again and again, while the service runs."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from fusion.service.api import Service
+from fusion.service.api.errors import RequestRefusedError
+from fusion.service.jobs import JobState
+from fusion.service.store import AuditEntry, StoreError, Upload
+from fusion.service.store.records import UploadState
+from fusion.service.store.store import LAST_CLEANING
+from fusion.service.upkeep.settings import Ages
+from fusion.service.work.logs import log
+
+_DAY_S = 86_400.0
+_EVERY_S = 3600.0
+_MOST_JOBS = 1_000_000
+_UNENDED = (JobState.WAITING, JobState.RUNNING)
+
+
+class Cleaner:
+    """Removes what is old, from a thread: at the start and every hour.
+
+    Parameters
+    ----------
+    service : Service
+    logs : Path
+        Folder of the logs.
+    ages : Ages
+    clock : callable
+        Seconds since 1970.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        logs: Path,
+        ages: Ages,
+        *,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self._service, self._logs, self._ages, self._clock = service, logs, ages, clock
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="cleaner", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stopping.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self.clean()
+            except Exception as error:
+                # A store that is busy, or a disk that fails: in an hour again.
+                log.warning("old things were not removed", error=str(error))
+            self._stopping.wait(_EVERY_S)
+
+    def clean(self) -> dict[str, int]:
+        """Remove what is old; return how much of each kind."""
+        store, ages = self._service.store, self._ages
+        removed = {
+            "uploads": self._remove_uploads(ages.uploads_days * _DAY_S),
+            "events": store.retention.remove_events(ages.events_days * _DAY_S),
+            "jobs": store.retention.remove_jobs(ages.jobs_days * _DAY_S),
+            "audit": store.retention.remove_entries(ages.audit_days * _DAY_S),
+            "logs": self._remove_logs(ages.logs_days * _DAY_S),
+        }
+        store.retention.remove_uploads(ages.uploads_days * _DAY_S)
+        store.note_time(LAST_CLEANING)
+        if any(removed.values()):
+            log.info("old things are removed", **removed)
+            store.audit.add(AuditEntry("spcola", "old-removed", details=removed))
+        return removed
+
+    def _remove_uploads(self, age_s: float) -> int:
+        """Remove uploads that were given up, and the folders of those without a record."""
+        uploads = self._service.store.uploads
+        kept = uploads.kept()
+        before = self._clock() - age_s
+        old = [one for one in kept if one.changed < before]
+        needed = self._needed() if old else set()
+        count = sum(self._removed(one) for one in old if one.id not in needed)
+        folder = self._service.uploads
+        names = {upload.id for upload in kept}
+        for path in folder.iterdir() if folder.is_dir() else ():
+            with suppress(OSError):
+                if path.name not in names and path.stat().st_mtime < before:
+                    shutil.rmtree(path)
+        return count
+
+    def _removed(self, upload: Upload) -> bool:
+        """Remove an upload unless a request is adding to it; return whether it is removed."""
+        uploads = self._service.store.uploads
+        with suppress(RequestRefusedError, StoreError), self._service.receiving(upload.id):
+            if uploads.get(upload.id) == upload:
+                uploads.end(upload.id, UploadState.REMOVED)
+                shutil.rmtree(self._service.uploads / upload.id, ignore_errors=True)
+                return True
+        return False
+
+    def _needed(self) -> set[str]:
+        """Return what the parameters of jobs that have not ended name, ids of uploads among it."""
+        jobs = self._service.store.jobs(states=_UNENDED, limit=_MOST_JOBS)
+        named: set[str] = set()
+        for job in jobs:
+            for value in job.request.parameters.values():
+                named.update(map(str, value if isinstance(value, list | tuple) else [value]))
+        return named
+
+    def _remove_logs(self, age_s: float) -> int:
+        count = 0
+        for path in self._logs.glob("*.jsonl*"):
+            with suppress(OSError):
+                if path.stat().st_mtime < self._clock() - age_s:
+                    path.unlink()
+                    count += 1
+        return count
