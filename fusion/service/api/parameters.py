@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fusion.service.api.service import Service
+from fusion.service.api.folder import ServedFolder
 from fusion.service.jobs import JobKind
 from fusion.service.work import parameters_of
 
+__all__ = ["check_parameters"]
+
 
 def check_parameters(
-    service: Service, workspace: str, kind: JobKind, given: Mapping[str, Any]
+    folder: ServedFolder, workspace: str, kind: JobKind, given: Mapping[str, Any]
 ) -> None:
     """Check that a job can begin with these parameters.
 
@@ -24,8 +26,8 @@ def check_parameters(
     """
     checked = parameters_of(kind, given)
     if kind is JobKind.INIT:
-        service.place(workspace)
+        folder.place(workspace)
         return
-    opened = service.workspace(workspace, getattr(checked, "solution", ""))
+    opened = folder.workspace(workspace, getattr(checked, "solution", ""))
     if settings := getattr(checked, "settings", None):
         opened.settings().with_tables(settings, "settings")

@@ -10,35 +10,15 @@ from dataclasses import dataclass
 from fusion.runtime.children import PoisonousItemError
 from fusion.runtime.executor import ClusterError
 from fusion.runtime.folders.lock import BusyError
-from fusion.service.jobs import JobError
+from fusion.service.jobs import ERROR_CODES, JobError
 from fusion.service.store import StoreError, StoreFault
 from fusion.service.work.options import WorkOptions
-from spcola.errors import (
-    DiskFullError,
-    FormatError,
-    FrameMismatchError,
-    InvalidValueError,
-    KernelError,
-    NotObservableError,
-    RejectedResultError,
-    SettingsError,
-    SpcolaError,
-    WorkspaceError,
-    printable,
-)
+from spcola.errors import DiskFullError, printable
 
 _CODES: dict[type[Exception], str] = {
     PoisonousItemError: PoisonousItemError.code,
-    FormatError: "format",
-    SettingsError: "settings",
-    FrameMismatchError: "frame-mismatch",
-    InvalidValueError: "invalid-value",
-    NotObservableError: "not-observable",
-    KernelError: "kernels",
-    RejectedResultError: "rejected-result",
-    WorkspaceError: "workspace",
-    SpcolaError: "error",
     MemoryError: "out-of-memory",
+    **ERROR_CODES,
 }
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
