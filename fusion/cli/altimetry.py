@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,9 +19,6 @@ from fusion.cli.options import (
     shared_path,
 )
 from fusion.cli.output import show
-
-if TYPE_CHECKING:
-    from fusion.stages.ingest import Imported
 
 
 def import_(
@@ -81,15 +79,20 @@ def import_(
     sources = [LidarFile(shared_path(file, cluster), name, *form) for file in files]
     workforce, progress = executor_of(workers, cluster), Progress.fitting(silent=as_json)
     done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)
-    show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
+    content = {"scans": [one.as_dict() for one in done]}
+    show(content, scan_lines(content), as_json=as_json)
 
 
-def _line(done: Imported) -> str:
+def scan_lines(content: Mapping[str, Any]) -> list[str]:
+    """Return the lines about imported files, from the JSON."""
+    return [_line(one) for one in content["scans"]]
+
+
+def _line(done: Mapping[str, Any]) -> str:
     """Return the line about one imported file."""
-    rejected = ", ".join(f"{count} {reason}" for reason, count in done.scan.rejected.items())
-    kind = done.scan.parameters.get("format", "")
+    rejected = ", ".join(f"{count} {reason}" for reason, count in done["rejected"].items())
+    again = f" ({done['returns_before']} before)" if done["state"] == "imported again" else ""
     return (
-        f"{done.source.path}: {done.state} as {done.scan.name} ({kind}), {done.scan.count} returns"
-        + (f" ({done.before} before)" if done.state == "imported again" else "")
-        + (f", rejected: {rejected}" if rejected else "")
+        f"{done['file']}: {done['state']} as {done['scan']} ({done['format']}), "
+        f"{done['returns']} returns{again}" + (f", rejected: {rejected}" if rejected else "")
     )

@@ -18,6 +18,7 @@ from fusion.cli import (
     demo,
     folder,
     images,
+    jobs,
     look,
     serve,
     solution,
@@ -62,6 +63,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
         "spcola sumfiles bennu images.csv --frame ORX_OCAMS_MAPCAM --camera map.toml",
     ),
     ("kernels", states.kernels, "spcola kernels bennu kernels --pck bennu.tpc"),
+    ("download", jobs.download, "spcola --server http://localhost:8080 download bennu"),
     ("demo", demo.demo, "spcola demo /tmp/demo"),
 )
 
@@ -73,6 +75,7 @@ app.add_typer(solution.app)
 app.add_typer(truth.app)
 app.add_typer(camera.app)
 app.add_typer(serve.app)
+app.add_typer(jobs.app)
 
 
 def _print_version(wanted: bool) -> None:
@@ -89,6 +92,14 @@ def _options(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
         ),
     ] = False,
+    server: Annotated[
+        str,
+        typer.Option(
+            metavar="URL",
+            help="Give the command to the server of spcola serve at this address; WS is then the "
+            "name of a workspace there. The variable SPCOLA_TOKEN has the token, if one is needed.",
+        ),
+    ] = "",
 ) -> None:
     """Fuses laser altimetry with stereophotoclinometry."""
 

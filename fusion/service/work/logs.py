@@ -15,7 +15,10 @@ from fusion.runtime.folders import make_folder
 _LARGEST = 20_000_000
 _KEPT = 5
 
-log: Any = structlog.get_logger("spcola.service")
+# Before `start_log`, as in a program of a user, what is no warning is not printed.
+log: Any = structlog.wrap_logger(
+    logging.getLogger("spcola.service"), wrapper_class=structlog.stdlib.BoundLogger
+)
 
 
 def start_log(folder: Path | None, name: str) -> None:

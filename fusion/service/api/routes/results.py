@@ -9,7 +9,9 @@ from fastapi import Query
 from starlette.requests import Request
 from starlette.responses import Response
 
-from fusion.service.api.access import READ, Routes
+from fusion.inspection import describe_solution
+from fusion.pipeline.solutions import use_solution
+from fusion.service.api.access import READ, RUN, Routes
 from fusion.service.api.answers import accepted, json_answer, tagged
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.views.body import mesh_bytes, shape_mesh, vertex_layer
@@ -23,6 +25,7 @@ from fusion.service.views.history import (
 )
 from fusion.service.views.results import epsilon_table, residuals, result_json
 from fusion.service.views.tables import TableFormat, read_table, table_names
+from fusion.workspace import IMPORTED
 
 routes = Routes("/api/v1/workspaces/{workspace}", "results")
 _BYTES = "application/octet-stream"
@@ -80,6 +83,20 @@ def solutions(request: Request, workspace: str) -> Response:
     """Return the solutions, each with its parent, and which one is in use."""
     with opened_for(request, workspace) as opened:
         return json_answer(request, solution_tree(opened))
+
+
+@routes.add("GET", "/solutions/{name}", READ)
+def one_solution(request: Request, workspace: str, name: str) -> Response:
+    """Return what a solution was made from, by what and when, and what it contains."""
+    with opened_for(request, workspace, name) as opened:
+        return json_answer(request, describe_solution(opened))
+
+
+@routes.add("POST", "/solutions/{name}/use", RUN)
+def use(request: Request, workspace: str, name: str) -> Response:
+    """Let all commands read a solution from now on, where none is named."""
+    with opened_for(request, workspace, IMPORTED) as opened:
+        return json_answer(request, {"in_use": use_solution(opened, name).solution})
 
 
 @routes.add("GET", "/solutions/{first}/diff/{second}", READ)

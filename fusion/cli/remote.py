@@ -1,0 +1,306 @@
+"""Commands with ``--server``: one table from a command to calls of the client."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+import typer
+from click.core import ParameterSource
+
+from fusion.cli import jobs
+from fusion.cli.altimetry import scan_lines
+from fusion.cli.options import named_columns
+from fusion.cli.output import run_lines, show, value_lines
+from fusion.cli.solution import listed
+from fusion.client import Session, VersionWarning, connect
+from fusion.runtime.processes import INTERRUPTED
+from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.jobs import Job
+from spcola.errors import SpcolaError
+
+Given = Mapping[str, Any]
+Printed = tuple[Mapping[str, Any], list[str]]
+_RUN = frozenset({"solution", "force", "accept", "only", "within"})
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+# Of the overview, what `info` does not print.
+_BEYOND = ("name", "bigmaps", "pairs", "released", "verdicts", "findings", "results")
+
+
+@dataclass(frozen=True)
+class Remote:
+    """What a command does on a server: calls, and the options that they take.
+
+    Parameters
+    ----------
+    does : callable
+        Takes the session, the name of the workspace, and all options.
+    takes : frozenset of str
+        Names of options; others are refused if they are given.
+    """
+
+    does: Callable[[Session, str, Given], Printed]
+    takes: frozenset[str] = field(default_factory=frozenset)
+
+
+def do_remotely(server: str) -> None:
+    """Do the command of the current context on a server.
+
+    Raises
+    ------
+    SpcolaError
+        If the command, or an option that was given, has no meaning there.
+    """
+    context = click.get_current_context()
+    name, given = _command(context), context.params
+    remote = REMOTE.get(name)
+    if remote is None:
+        raise SpcolaError("works on local files only", f"spcola {name}", "leave out --server")
+    for option in context.command.params:
+        key = option.name or ""
+        source = context.get_parameter_source(key)
+        known = key in remote.takes | {"workspace", "path", "as_json"}
+        if source is ParameterSource.COMMANDLINE and not known:
+            raise SpcolaError(
+                "cannot be given to a server", max(option.opts, key=len), "leave it out"
+            )
+    workspace = str(given["workspace"] if "workspace" in given else given["path"])
+    if not _NAME.fullmatch(workspace):
+        raise SpcolaError("is no name of a workspace on a server", workspace, "give the name alone")
+    with _connected(server) as session:
+        content, lines = remote.does(session, workspace, given)
+        show(content, lines, as_json=given["as_json"])
+
+
+def _connected(server: str) -> Session:
+    """Return a session; another version of the server is a line on standard error."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", VersionWarning)
+        session = connect(server)
+    for each in found:
+        typer.echo(f"warning: {each.message}", err=True)
+    return session
+
+
+def _command(context: click.Context) -> str:
+    """Return the words of the command after the program's name."""
+    words = []
+    while context.parent is not None:
+        words.append(context.info_name or "")
+        context = context.parent
+    return " ".join(reversed(words))
+
+
+def _done(session: Session, job: Job, given: Given) -> Job:
+    """Wait for a job; Ctrl-C leaves it running.
+
+    Raises
+    ------
+    typer.Exit
+        After Ctrl-C.
+    """
+    try:
+        return session.wait(job, progress=not given["as_json"])
+    except KeyboardInterrupt as error:
+        place = f"spcola --server {session.place.name} job"
+        words = f"{job.request.workspace} {job.id}"
+        typer.echo(
+            f"the job goes on; come back: {place} wait {words}; stop it: {place} cancel {words}",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED) from error
+
+
+def _stages(*stages: str, settings: Mapping[str, str] | None = None) -> Remote:
+    """Return the command of stages, of whose options some are `settings` of the first one."""
+    keys = settings or {}
+
+    def does(session: Session, workspace: str, given: Given) -> Printed:
+        changed = {key: given[name] for name, key in keys.items() if given[name] is not None}
+        job = session.submit(
+            workspace,
+            stages,
+            settings={stages[0]: changed} if changed else {},
+            solution=given["solution"],
+            only=given["only"] or [],
+            within=given["within"],
+            accept=given["accept"] or [],
+            force=given["force"],
+        )
+        return _ran(_done(session, job, given), alone=len(stages) == 1)
+
+    return Remote(does, _RUN | keys.keys())
+
+
+def _run(session: Session, workspace: str, given: Given) -> Printed:
+    if given["only"]:
+        raise typer.BadParameter(
+            "names items of one stage: give it that command", param_hint="--only"
+        )
+    if given["forecast"]:
+        return _forecast(session, workspace, given)
+    return _stages_all.does(session, workspace, given)
+
+
+def _forecast(session: Session, workspace: str, given: Given) -> Printed:
+    from fusion.inspection.forecasts import forecast_lines
+
+    found = session.forecast(workspace, solution=given["solution"], progress=not given["as_json"])
+    return {"workspace": workspace, "forecast": found}, list(forecast_lines(found))
+
+
+def _ran(job: Job, *, alone: bool) -> Printed:
+    """Return what a command of stages prints."""
+    from fusion.pipeline import StageRun
+
+    found = job.result["stages"]
+    runs = [
+        StageRun(one["stage"], one["state"], one["seconds"], one["summary"], one.get("reason", ""))
+        for one in found
+    ]
+    lines = [line for run in runs for line in run_lines(run)]
+    whole = {"workspace": job.request.workspace, "stages": found}
+    return (found[0] if alone else whole), lines
+
+
+def _info(session: Session, workspace: str, given: Given) -> Printed:
+    from fusion.inspection.forecasts import forecast_lines
+
+    found = session.overview(workspace)
+    content = {key: value for key, value in found.items() if key not in _BEYOND}
+    lines = [workspace, *value_lines(content)]
+    result: Mapping[str, Any] = {"mapolas_forecast": {}, "forecast": {}}
+    if not content["problems"]:
+        try:
+            job = session.submit_job(workspace, "forecast", {}, priority=100)
+            result = _done(session, job, given).result
+        except RequestRefusedError as error:
+            # Who may only read sees the rest.
+            if error.code is not Refusal.FORBIDDEN:
+                raise
+    if result["forecast"]:
+        lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(result["forecast"]))]
+    keys = ("mapolas_forecast", "forecast")
+    return {**content, **{key: result[key] for key in keys}}, lines
+
+
+def _import(session: Session, workspace: str, given: Given) -> Printed:
+    if given["name"] and len(given["files"]) > 1:
+        raise typer.BadParameter("names one file only", param_hint="--name")
+    parts = (part for text in given["columns"] or () for part in text.split(","))
+    options = {key: given[key] for key in ("name", "format", "unit", "gps_time")}
+    job = session.import_scans(
+        workspace,
+        given["files"],
+        options={**options, "columns": named_columns(parts, "QUANTITY=COLUMN")},
+        progress=not given["as_json"],
+    )
+    scans = [dict(one) for one in _done(session, job, given).result["scans"]]
+    for one, path in zip(scans, given["files"], strict=True):
+        one["file"] = str(path)
+    content = {"scans": scans}
+    return content, scan_lines(content)
+
+
+def _init(session: Session, workspace: str, given: Given) -> Printed:
+    if given["spc"] is not None and given["shape"] is not None:
+        raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
+    job = session.make_workspace(
+        workspace,
+        body=given["body"],
+        shape=given["shape"],
+        spc=_spc_files(given["spc"]),
+        shape_unit=given["unit"],
+        faces_from=given["faces_from"],
+        progress=not given["as_json"],
+    )
+    content = _done(session, job, given).result
+    return content, [
+        f"Made {workspace} ({given['body']}): {content['maplets']} maplets, "
+        f"{content['landmarks']} landmarks, {content['images']} images, "
+        f"shape: {content['shape'] or 'none'}"
+    ]
+
+
+def _spc_files(folder: Path | None) -> list[Path]:
+    """Return the files of an SPC working folder that have a place in a workspace."""
+    from fusion.service.work.begin import spc_place
+
+    found = []
+    for path in sorted(folder.rglob("*")) if folder is not None else ():
+        try:
+            spc_place(path.name)
+        except SpcolaError:
+            continue
+        if path.is_file():
+            found.append(path)
+    return found
+
+
+def _solutions(session: Session, workspace: str, _: Given) -> Printed:
+    found = session.solutions(workspace)
+    names = {"in_use": "in_use", "solutions": "solutions", "damaged": "problems"}
+    return listed({key: found[name] for key, name in names.items()})
+
+
+def _solution(session: Session, workspace: str, given: Given) -> Printed:
+    content = session.solution(workspace, given["name"])
+    return content, value_lines(content)
+
+
+def _use(session: Session, workspace: str, given: Given) -> Printed:
+    name = session.use_solution(workspace, given["name"])
+    return {"in_use": name}, [f"in use: {name}"]
+
+
+def _difference(session: Session, workspace: str, given: Given) -> Printed:
+    from fusion.inspection import difference_lines
+
+    found = session.solutions_compared(workspace, given["first"], given["second"])
+    return {**found, "picture": None}, difference_lines(found)
+
+
+def _wait(session: Session, _: str, given: Given) -> Printed:
+    job = _done(session, session.job(given["job"]), given)
+    return job.as_json(), [jobs.line_of(job)]
+
+
+def _cancel(session: Session, _: str, given: Given) -> Printed:
+    job = session.cancel(given["job"])
+    return job.as_json(), [jobs.line_of(job)]
+
+
+_stages_all = _stages()
+_JOB = frozenset({"job"})
+REMOTE: Mapping[str, Remote] = {
+    "info": Remote(_info),
+    "init": Remote(_init, frozenset({"spc", "shape", "unit", "faces_from", "body"})),
+    "import": Remote(
+        _import, frozenset({"files", "format", "columns", "unit", "name", "gps_time"})
+    ),
+    "mapolas": _stages("mapolas", settings={"source": "source", "gsd": "gsd_m"}),
+    "register": _stages("register", settings={"model": "model", "against": "against", "by": "by"}),
+    "fuse": _stages("fuse"),
+    "bigmap": _stages("bigmap"),
+    "scale": _stages("scale", settings={"method": "method"}),
+    "release": _stages("release", "report"),
+    "run": Remote(_run, _RUN | {"forecast"}),
+    "solution list": Remote(_solutions),
+    "solution show": Remote(_solution, frozenset({"name"})),
+    "solution use": Remote(_use, frozenset({"name"})),
+    "solution diff": Remote(_difference, frozenset({"first", "second"})),
+    "job list": Remote(lambda session, workspace, _: jobs.listed(session, workspace)),
+    "job show": Remote(lambda session, _, given: jobs.described(session, given["job"]), _JOB),
+    "job wait": Remote(_wait, _JOB),
+    "job cancel": Remote(_cancel, _JOB),
+    "download": Remote(
+        lambda session, workspace, given: jobs.downloaded(session, workspace, dict(given)),
+        frozenset({"names", "folder", "solution"}),
+    ),
+}
+"""What each command does on a server; those that are not here work on local files only."""
