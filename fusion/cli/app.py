@@ -27,7 +27,7 @@ from fusion.cli import (
     truth,
 )
 from fusion.cli.options import PanelCommand, with_shared_options
-from fusion.cli.program import guarded
+from fusion.cli.program import choose_server, guarded
 
 app = typer.Typer(
     name="spcola",
@@ -86,7 +86,7 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001  typer calls its callback
         bool,
         typer.Option(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
@@ -102,6 +102,7 @@ def _options(
     ] = "",
 ) -> None:
     """Fuses laser altimetry with stereophotoclinometry."""
+    choose_server(server)
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ FAILED = 1
 DEBUG_VARIABLE = "SPCOLA_DEBUG"
 Options = ParamSpec("Options")
 _chosen = {"server": ""}
+_INTERRUPTED = "interrupted: what is finished is kept; give the command again to continue"
 
 
 def choose_server(url: str) -> None:
@@ -43,7 +44,7 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
         except (typer.Exit, typer.BadParameter, BrokenPipeError):
             raise
         except KeyboardInterrupt as error:
-            _print("interrupted: what is finished is kept; give the command again to continue")
+            _print(str(error) or _INTERRUPTED)
             raise typer.Exit(INTERRUPTED) from error
         except Exception as error:
             _print(_line_of(error), error)

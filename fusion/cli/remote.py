@@ -6,20 +6,16 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from inspect import signature, unwrap
 from pathlib import Path
 from typing import Any
 
-import click
 import typer
-from click.core import ParameterSource
 
-from fusion.cli import jobs
-from fusion.cli.altimetry import scan_lines
+from fusion.cli import altimetry, folder, jobs, solution, stages
 from fusion.cli.options import named_columns
 from fusion.cli.output import run_lines, show, value_lines
-from fusion.cli.solution import listed
 from fusion.client import Session, VersionWarning, connect
-from fusion.runtime.processes import INTERRUPTED
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.jobs import Job
 from spcola.errors import SpcolaError
@@ -48,30 +44,35 @@ class Remote:
     takes: frozenset[str] = field(default_factory=frozenset)
 
 
-def do_remotely(server: str) -> None:
-    """Do the command of the current context on a server.
+def do_remotely(server: str, command: Callable[..., Any], given: Given) -> None:
+    """Do a command on a server.
+
+    Parameters
+    ----------
+    server : str
+        Its address.
+    command : callable
+        What does it here; its signature has the options with their defaults.
+    given : mapping
+        The options, by name.
 
     Raises
     ------
     SpcolaError
         If the command, or an option that was given, has no meaning there.
     """
-    context = click.get_current_context()
-    name, given = _command(context), context.params
-    remote = REMOTE.get(name)
+    remote = REMOTE.get(unwrap(command))
     if remote is None:
-        raise SpcolaError("works on local files only", f"spcola {name}", "leave out --server")
-    for option in context.command.params:
-        key = option.name or ""
-        source = context.get_parameter_source(key)
-        known = key in remote.takes | {"workspace", "path", "as_json"}
-        if source is ParameterSource.COMMANDLINE and not known:
-            raise SpcolaError(
-                "cannot be given to a server", max(option.opts, key=len), "leave it out"
-            )
+        raise SpcolaError("works on local files only", "this command", "leave out --server")
+    for name, option in signature(command).parameters.items():
+        known = name in remote.takes | {"workspace", "path", "as_json"}
+        if not known and given[name] != option.default:
+            named = f"--{name.replace('_', '-')}"
+            raise SpcolaError("cannot be given to a server", named, "leave it out")
     workspace = str(given["workspace"] if "workspace" in given else given["path"])
     if not _NAME.fullmatch(workspace):
-        raise SpcolaError("is no name of a workspace on a server", workspace, "give the name alone")
+        do = "give the name alone"
+        raise SpcolaError("is no name of a workspace on a server", workspace, do)
     with _connected(server) as session:
         content, lines = remote.does(session, workspace, given)
         show(content, lines, as_json=given["as_json"])
@@ -87,36 +88,25 @@ def _connected(server: str) -> Session:
     return session
 
 
-def _command(context: click.Context) -> str:
-    """Return the words of the command after the program's name."""
-    words = []
-    while context.parent is not None:
-        words.append(context.info_name or "")
-        context = context.parent
-    return " ".join(reversed(words))
-
-
 def _done(session: Session, job: Job, given: Given) -> Job:
     """Wait for a job; Ctrl-C leaves it running.
 
     Raises
     ------
-    typer.Exit
-        After Ctrl-C.
+    KeyboardInterrupt
+        After Ctrl-C; it says how to come back.
     """
     try:
         return session.wait(job, progress=not given["as_json"])
     except KeyboardInterrupt as error:
         place = f"spcola --server {session.place.name} job"
         words = f"{job.request.workspace} {job.id}"
-        typer.echo(
-            f"the job goes on; come back: {place} wait {words}; stop it: {place} cancel {words}",
-            err=True,
-        )
-        raise typer.Exit(INTERRUPTED) from error
+        raise KeyboardInterrupt(
+            f"the job goes on; come back: {place} wait {words}; stop it: {place} cancel {words}"
+        ) from error
 
 
-def _stages(*stages: str, settings: Mapping[str, str] | None = None) -> Remote:
+def _stages(*names: str, settings: Mapping[str, str] | None = None) -> Remote:
     """Return the command of stages, of whose options some are `settings` of the first one."""
     keys = settings or {}
 
@@ -124,15 +114,15 @@ def _stages(*stages: str, settings: Mapping[str, str] | None = None) -> Remote:
         changed = {key: given[name] for name, key in keys.items() if given[name] is not None}
         job = session.submit(
             workspace,
-            stages,
-            settings={stages[0]: changed} if changed else {},
+            names,
+            settings={names[0]: changed} if changed else {},
             solution=given["solution"],
             only=given["only"] or [],
             within=given["within"],
             accept=given["accept"] or [],
             force=given["force"],
         )
-        return _ran(_done(session, job, given), alone=len(stages) == 1)
+        return _ran(_done(session, job, given), alone=len(names) == 1)
 
     return Remote(does, _RUN | keys.keys())
 
@@ -204,7 +194,7 @@ def _import(session: Session, workspace: str, given: Given) -> Printed:
     for one, path in zip(scans, given["files"], strict=True):
         one["file"] = str(path)
     content = {"scans": scans}
-    return content, scan_lines(content)
+    return content, altimetry.scan_lines(content)
 
 
 def _init(session: Session, workspace: str, given: Given) -> Printed:
@@ -227,12 +217,12 @@ def _init(session: Session, workspace: str, given: Given) -> Printed:
     ]
 
 
-def _spc_files(folder: Path | None) -> list[Path]:
+def _spc_files(source: Path | None) -> list[Path]:
     """Return the files of an SPC working folder that have a place in a workspace."""
     from fusion.service.work.begin import spc_place
 
     found = []
-    for path in sorted(folder.rglob("*")) if folder is not None else ():
+    for path in sorted(source.rglob("*")) if source is not None else ():
         try:
             spc_place(path.name)
         except SpcolaError:
@@ -245,12 +235,13 @@ def _spc_files(folder: Path | None) -> list[Path]:
 def _solutions(session: Session, workspace: str, _: Given) -> Printed:
     found = session.solutions(workspace)
     names = {"in_use": "in_use", "solutions": "solutions", "damaged": "problems"}
-    return listed({key: found[name] for key, name in names.items()})
+    return solution.listed({key: found[name] for key, name in names.items()})
 
 
 def _solution(session: Session, workspace: str, given: Given) -> Printed:
     content = session.solution(workspace, given["name"])
-    return content, value_lines(content)
+    shown = {key: value for key, value in content.items() if key != "folder"}
+    return content, value_lines(shown)
 
 
 def _use(session: Session, workspace: str, given: Given) -> Printed:
@@ -277,28 +268,30 @@ def _cancel(session: Session, _: str, given: Given) -> Printed:
 
 _stages_all = _stages()
 _JOB = frozenset({"job"})
-REMOTE: Mapping[str, Remote] = {
-    "info": Remote(_info),
-    "init": Remote(_init, frozenset({"spc", "shape", "unit", "faces_from", "body"})),
-    "import": Remote(
+REMOTE: Mapping[Callable[..., Any], Remote] = {
+    folder.info: Remote(_info),
+    folder.init: Remote(_init, frozenset({"spc", "shape", "unit", "faces_from", "body"})),
+    altimetry.import_: Remote(
         _import, frozenset({"files", "format", "columns", "unit", "name", "gps_time"})
     ),
-    "mapolas": _stages("mapolas", settings={"source": "source", "gsd": "gsd_m"}),
-    "register": _stages("register", settings={"model": "model", "against": "against", "by": "by"}),
-    "fuse": _stages("fuse"),
-    "bigmap": _stages("bigmap"),
-    "scale": _stages("scale", settings={"method": "method"}),
-    "release": _stages("release", "report"),
-    "run": Remote(_run, _RUN | {"forecast"}),
-    "solution list": Remote(_solutions),
-    "solution show": Remote(_solution, frozenset({"name"})),
-    "solution use": Remote(_use, frozenset({"name"})),
-    "solution diff": Remote(_difference, frozenset({"first", "second"})),
-    "job list": Remote(lambda session, workspace, _: jobs.listed(session, workspace)),
-    "job show": Remote(lambda session, _, given: jobs.described(session, given["job"]), _JOB),
-    "job wait": Remote(_wait, _JOB),
-    "job cancel": Remote(_cancel, _JOB),
-    "download": Remote(
+    stages.mapolas: _stages("mapolas", settings={"source": "source", "gsd": "gsd_m"}),
+    stages.register: _stages(
+        "register", settings={"model": "model", "against": "against", "by": "by"}
+    ),
+    stages.fuse: _stages("fuse"),
+    stages.bigmap: _stages("bigmap"),
+    stages.scale: _stages("scale", settings={"method": "method"}),
+    stages.release: _stages("release", "report"),
+    stages.run: Remote(_run, _RUN | {"forecast"}),
+    solution.list_: Remote(_solutions),
+    solution.show_: Remote(_solution, frozenset({"name"})),
+    solution.use: Remote(_use, frozenset({"name"})),
+    solution.diff: Remote(_difference, frozenset({"first", "second"})),
+    jobs.list_: Remote(lambda session, workspace, _: jobs.listed(session, workspace)),
+    jobs.show_: Remote(lambda session, _, given: jobs.described(session, given["job"]), _JOB),
+    jobs.wait: Remote(_wait, _JOB),
+    jobs.cancel: Remote(_cancel, _JOB),
+    jobs.download: Remote(
         lambda session, workspace, given: jobs.downloaded(session, workspace, dict(given)),
         frozenset({"names", "folder", "solution"}),
     ),
