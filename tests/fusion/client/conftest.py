@@ -26,7 +26,7 @@ def missions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     known = np.full(grid.shape, 0.1)
     fused = FusedMaplet(
         "AA0001", grid, heights, known, known, count=np.full(grid.shape, 3),
-        source=np.full(grid.shape, Source.BOTH),
+        source=np.where(np.isfinite(heights), Source.BOTH, Source.NONE),
     )  # fmt: skip
     write_fused(root / "ball" / "fused", [fused])
     match = {
