@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.options import JsonOption, PanelCommand, SolutionOption, WorkspaceArgument
+from fusion.cli.options import JsonOption, PanelCommand, WorkspaceArgument
 from fusion.cli.output import show
 from fusion.cli.program import guarded
+from fusion.service.commands.fields import SolutionOption
 
 if TYPE_CHECKING:
     from fusion.client import Session

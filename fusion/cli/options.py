@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 import typer
 from typer.core import TyperCommand
 
+from fusion.service.commands import Site, SolutionOption
 from spcola.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -45,30 +46,10 @@ AcceptOption = Annotated[
         "[accept] codes in spcola.toml keeps it.",
     ),
 ]
-SolutionOption = Annotated[
-    str,
-    typer.Option(metavar="NAME", help="The SPC solution; by default the one in use."),
-]
 WaitOption = Annotated[
     bool,
     typer.Option("--wait", help="Wait while another spcola works with the same solution."),
 ]
-NAIF_NUMBERS: dict[str, Any] = {"min": -(10**9), "max": 10**9}
-"""Limits of numbers of bodies, spacecraft and instruments in SPICE."""
-
-
-def each_between(least: float, most: float) -> Callable[[Any], Any]:
-    """Return a callback that refuses an option of several numbers if one is outside limits."""
-
-    def check(values: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        for value in values or ():
-            if not least <= value <= most:
-                raise typer.BadParameter(f"{value} is not in the range {least:g} to {most:g}.")
-        return values
-
-    return check
-
-
 FACES_FROM = typer.Option(
     min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."
 )
@@ -83,6 +64,17 @@ class WorkOptions:
     cluster: ClusterOption = ""
     wait: WaitOption = False
     as_json: JsonOption = False
+
+    def site(self, workspace: Path) -> Site:
+        """Return where and with what the command works."""
+        return site_of(
+            workspace,
+            solution=self.solution,
+            workers=self.workers,
+            cluster=self.cluster,
+            wait=self.wait,
+            as_json=self.as_json,
+        )
 
 
 @dataclass(frozen=True)
@@ -188,13 +180,12 @@ def _options_of(kind: Any) -> Iterator[Parameter]:
             yield from _options_of(annotation)
             continue
         if panel is not None:
-            value, option = get_args(annotation)
+            value, option, *_ = get_args(annotation)
             option = copy(option)
             option.rich_help_panel = panel
             annotation = Annotated[value, option]
-        yield Parameter(
-            field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=annotation
-        )
+        default = Parameter.empty if field.default is MISSING else field.default
+        yield Parameter(field.name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _value_of(kind: Any, given: dict[str, Any]) -> Any:
@@ -230,6 +221,23 @@ class PanelCommand(TyperCommand):
                     formatter.write_dl(records)
 
 
+def site_of(
+    workspace: Path,
+    *,
+    solution: str = "",
+    workers: int | None = None,
+    cluster: str = "",
+    wait: bool = False,
+    as_json: bool = False,
+) -> Site:
+    """Return where and with what a command works; raises as `executor_of`."""
+    from fusion.runtime import Progress
+
+    progress = Progress.fitting(silent=as_json)
+    root = shared_path(workspace, cluster)
+    return Site(root, executor_of(workers, cluster), progress, solution, wait)
+
+
 def executor_of(workers: int | None, cluster: str) -> Executor:
     """Return the executor that ``--workers`` and ``--cluster`` choose.
 
@@ -258,27 +266,3 @@ def executor_of(workers: int | None, cluster: str) -> Executor:
 def shared_path(path: Path, cluster: str) -> Path:
     """Return a path that is valid for the workers of a cluster in their folder too."""
     return path.absolute() if cluster else path
-
-
-def named_columns(texts: Iterable[str], form: str) -> dict[str, str]:
-    """Return the columns that ``--columns`` names, by what they are.
-
-    Parameters
-    ----------
-    texts : iterable of str
-        Such as ``x=X [km]``.
-    form : str
-        For messages: ``NAME=COLUMN``.
-
-    Raises
-    ------
-    typer.BadParameter
-        If one of them is no such pair.
-    """
-    pairs = {}
-    for text in texts:
-        name, sign, column = text.partition("=")
-        if not (sign and name.strip() and column.strip()):
-            raise typer.BadParameter(f"{text!r} is not {form}", param_hint="--columns")
-        pairs[name.strip()] = column.strip()
-    return pairs

@@ -12,12 +12,14 @@ from typing import Any
 
 import typer
 
-from fusion.cli import altimetry, folder, jobs, solution, stages
-from fusion.cli.options import named_columns
+from fusion.cli import altimetry, folder, images, jobs, solution, stages, states
+from fusion.cli.options import with_shared_options
 from fusion.cli.output import run_lines, show, value_lines
 from fusion.client import Session, VersionWarning, connect
 from fusion.service.api.errors import Refusal, RequestRefusedError
-from fusion.service.jobs import Job
+from fusion.service.commands.json_options import json_of
+from fusion.service.commands.table import COMMANDS
+from fusion.service.jobs import Job, JobKind
 from spcola.errors import SpcolaError
 
 Given = Mapping[str, Any]
@@ -137,6 +139,24 @@ def _run(session: Session, workspace: str, given: Given) -> Printed:
     return _stages_all.does(session, workspace, given)
 
 
+def _scale(session: Session, workspace: str, given: Given) -> Printed:
+    """Do the stage, or with ``--apply`` make a scaled solution."""
+    if given["name"] and not given["apply"]:
+        raise typer.BadParameter("is given without --apply", param_hint="--as")
+    if not given["apply"]:
+        return _scale_stage.does(session, workspace, given)
+    method = given["method"]
+    parameters = {
+        "name": given["name"],
+        "settings": {"scale": {"method": method}} if method else {},
+        "solution": given["solution"],
+        "accept": given["accept"] or [],
+        "force": given["force"],
+    }
+    job = _done(session, session.submit_job(workspace, JobKind.SCALE_APPLY, parameters), given)
+    return job.result, [line["text"] for line in session.log(job)]
+
+
 def _forecast(session: Session, workspace: str, given: Given) -> Printed:
     from fusion.inspection.forecasts import forecast_lines
 
@@ -179,22 +199,32 @@ def _info(session: Session, workspace: str, given: Given) -> Printed:
     return {**content, **{key: result[key] for key in keys}}, lines
 
 
-def _import(session: Session, workspace: str, given: Given) -> Printed:
-    if given["name"] and len(given["files"]) > 1:
-        raise typer.BadParameter("names one file only", param_hint="--name")
-    parts = (part for text in given["columns"] or () for part in text.split(","))
-    options = {key: given[key] for key in ("name", "format", "unit", "gps_time")}
-    job = session.import_scans(
-        workspace,
-        given["files"],
-        options={**options, "columns": named_columns(parts, "QUANTITY=COLUMN")},
-        progress=not given["as_json"],
-    )
-    scans = [dict(one) for one in _done(session, job, given).result["scans"]]
-    for one, path in zip(scans, given["files"], strict=True):
-        one["file"] = str(path)
-    content = {"scans": scans}
-    return content, altimetry.scan_lines(content)
+def _by_job(kind: JobKind) -> Remote:
+    """Return a command that a job does by the same options: its files are uploaded."""
+    command = COMMANDS[kind]
+
+    def does(session: Session, workspace: str, given: Given) -> Printed:
+        def send(path: Path) -> str:
+            return session.upload(workspace, path, "scan", progress=not given["as_json"])
+
+        parameters = json_of(command.options, given, send)
+        if command.solution:
+            parameters["solution"] = given["solution"]
+        job = _done(session, session.submit_job(workspace, kind, parameters), given)
+        return job.result, [line["text"] for line in session.log(job)]
+
+    names = set(signature(with_shared_options(_taking(command.options))).parameters)
+    return Remote(does, frozenset(names | ({"solution"} if command.solution else set())))
+
+
+def _taking(options: type[Any]) -> Callable[..., None]:
+    """Return a command that takes a class of options alone."""
+
+    def command(given: Any) -> None:
+        """Do nothing."""
+
+    command.__annotations__ = {"given": options, "return": None}
+    return command
 
 
 def _init(session: Session, workspace: str, given: Given) -> Printed:
@@ -244,11 +274,6 @@ def _solution(session: Session, workspace: str, given: Given) -> Printed:
     return content, value_lines(shown)
 
 
-def _use(session: Session, workspace: str, given: Given) -> Printed:
-    name = session.use_solution(workspace, given["name"])
-    return {"in_use": name}, [f"in use: {name}"]
-
-
 def _difference(session: Session, workspace: str, given: Given) -> Printed:
     from fusion.inspection import difference_lines
 
@@ -267,25 +292,29 @@ def _cancel(session: Session, _: str, given: Given) -> Printed:
 
 
 _stages_all = _stages()
+_scale_stage = _stages("scale", settings={"method": "method"})
 _JOB = frozenset({"job"})
 REMOTE: Mapping[Callable[..., Any], Remote] = {
     folder.info: Remote(_info),
     folder.init: Remote(_init, frozenset({"spc", "shape", "unit", "faces_from", "body"})),
-    altimetry.import_: Remote(
-        _import, frozenset({"files", "format", "columns", "unit", "name", "gps_time"})
-    ),
+    altimetry.import_: _by_job(JobKind.IMPORT),
+    images.images: _by_job(JobKind.IMAGES),
+    states.sumfiles: _by_job(JobKind.SUMFILES),
+    states.kernels: _by_job(JobKind.KERNELS),
+    solution.use: _by_job(JobKind.SOLUTION_USE),
+    solution.export: _by_job(JobKind.SOLUTION_EXPORT),
+    solution.remove: _by_job(JobKind.SOLUTION_REMOVE),
     stages.mapolas: _stages("mapolas", settings={"source": "source", "gsd": "gsd_m"}),
     stages.register: _stages(
         "register", settings={"model": "model", "against": "against", "by": "by"}
     ),
     stages.fuse: _stages("fuse"),
     stages.bigmap: _stages("bigmap"),
-    stages.scale: _stages("scale", settings={"method": "method"}),
+    stages.scale: Remote(_scale, _scale_stage.takes - {"only", "within"} | {"apply", "name"}),
     stages.release: _stages("release", "report"),
     stages.run: Remote(_run, _RUN | {"forecast"}),
     solution.list_: Remote(_solutions),
     solution.show_: Remote(_solution, frozenset({"name"})),
-    solution.use: Remote(_use, frozenset({"name"})),
     solution.diff: Remote(_difference, frozenset({"first", "second"})),
     jobs.list_: Remote(lambda session, workspace, _: jobs.listed(session, workspace)),
     jobs.show_: Remote(lambda session, _, given: jobs.described(session, given["job"]), _JOB),

@@ -46,7 +46,7 @@ StoreOption = Annotated[
         "SQLite in DIR/.service. Give a password in the variable SPCOLA_STORE, not here.",
     ),
 ]
-WorkerCount = Annotated[int, typer.Option(metavar="N", min=0, max=256, help="Worker processes.")]
+WorkerCount = Annotated[int, typer.Option(metavar="N", min=1, max=256, help="Worker processes.")]
 
 
 class _ServeGroup(TyperGroup):
@@ -90,7 +90,12 @@ def start(
             "front: tokens are needed then. Repeat it for several.",
         ),
     ] = None,
-    workers: WorkerCount = 1,
+    workers: Annotated[
+        int,
+        typer.Option(
+            metavar="N", min=0, max=256, help="Worker processes; 0 if all run on other hosts."
+        ),
+    ] = 1,
     store: StoreOption = "",
     cluster: ClusterOption = "",
     as_json: JsonOption = False,
@@ -170,7 +175,7 @@ def token_add(
         typer.Option(metavar="NAME", help="Where; by default in all. Repeat it for several."),
     ] = None,
     days: Annotated[
-        float | None, typer.Option(metavar="D", min=0.0, help="Until it expires.")
+        float | None, typer.Option(metavar="D", min=0.001, max=36_500.0, help="Until it expires.")
     ] = None,
     label: Annotated[str, typer.Option(metavar="TEXT", help="What it is for.")] = "",
     store: StoreOption = "",

@@ -7,9 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.options import JsonOption, WorkspaceArgument
+from fusion.cli.options import JsonOption, WorkspaceArgument, site_of, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
+from fusion.service.commands.solutions import (
+    ExportOptions,
+    NameArgument,
+    SolutionName,
+    export_to_folder,
+    put_in_use,
+    remove_version,
+)
 
 if TYPE_CHECKING:
     from fusion.workspace import Workspace
@@ -20,7 +28,6 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="A solution of the workspace.")]
 
 
 def list_(workspace: WorkspaceArgument, as_json: JsonOption = False) -> None:
@@ -65,13 +72,9 @@ def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption 
     show(content, value_lines(content), as_json=as_json)
 
 
-def use(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
+def use(workspace: WorkspaceArgument, given: SolutionName, as_json: JsonOption = False) -> None:
     """Let all commands read this solution from now on; --solution chooses for one command."""
-    from fusion.pipeline.solutions import use_solution
-    from fusion.workspace import IMPORTED
-
-    used = use_solution(_opened(workspace, IMPORTED), name)
-    show({"in_use": used.solution}, [f"in use: {used.solution}"], as_json=as_json)
+    show(*put_in_use(site_of(workspace, as_json=as_json), given), as_json=as_json)
 
 
 def diff(
@@ -103,34 +106,18 @@ def diff(
     show(content, lines, as_json=as_json)
 
 
-def export(
-    workspace: WorkspaceArgument,
-    name: NameArgument,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new folder.")],
-    as_json: JsonOption = False,
-) -> None:
+def export(workspace: WorkspaceArgument, given: ExportOptions, as_json: JsonOption = False) -> None:
     """Write a solution as a plain SPC folder, with the pixels of its images.
 
     Where a camera's distortion is not Owen's, the .SUM files have a fit to it; how good it is, is
     printed, and the exact cameras are written too.
     """
-    from fusion.pipeline.solutions import export_solution
-
-    counts, cameras = export_solution(_opened(workspace, name), folder)
-    listed = ", ".join(f"{count} in {each}" for each, count in counts.items())
-    fits = [{"file": file, **one.as_json()} for file, one in cameras.items()]
-    lines = [f"  {file}: {one.text}" for file, one in cameras.items()]
-    content: dict[str, Any] = {"folder": folder, "written": counts, "cameras": fits}
-    show(content, [f"{folder}: {listed}", *lines], as_json=as_json)
+    show(*export_to_folder(site_of(workspace, as_json=as_json), given), as_json=as_json)
 
 
-def remove(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
+def remove(workspace: WorkspaceArgument, given: SolutionName, as_json: JsonOption = False) -> None:
     """Remove a solution and its results; not one in use, or from which another was made."""
-    from fusion.pipeline.solutions import remove_solution
-    from fusion.workspace import IMPORTED
-
-    remove_solution(_opened(workspace, IMPORTED), name)
-    show({"removed": name}, [f"removed: {name}"], as_json=as_json)
+    show(*remove_version(site_of(workspace, as_json=as_json), given), as_json=as_json)
 
 
 for _name, _command, _example in (
@@ -141,7 +128,7 @@ for _name, _command, _example in (
     ("export", export, "spcola solution export bennu scaled-1 /data/spc-scaled"),
     ("remove", remove, "spcola solution remove bennu scaled-1"),
 ):
-    app.command(_name, epilog=f"Example: {_example}")(guarded(_command))
+    app.command(_name, epilog=f"Example: {_example}")(guarded(with_shared_options(_command)))
 
 
 def _opened(workspace: Path, name: str) -> Workspace:

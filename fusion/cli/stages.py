@@ -7,9 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.options import RunOptions, WorkspaceArgument, executor_of, shared_path
+from fusion.cli.options import RunOptions, WorkspaceArgument
 from fusion.cli.output import run_lines, show
-from spcola.errors import RejectedResultError, SettingsError
+from fusion.service.commands.stages import (
+    accepting,
+    apply_scale_of,
+    check_usable,
+    pipeline_of,
+)
+from spcola.errors import SettingsError
 
 if TYPE_CHECKING:
     from fusion.pipeline import Pipeline, StageRun
@@ -149,17 +155,8 @@ def scale(
 
 def _scale_and_apply(workspace: Path, name: str, method: str | None, options: RunOptions) -> None:
     """Bring the scale up to date, and make the scaled solution."""
-    from fusion.stages.scale import apply_scale
-    from fusion.workspace.solution_records import check_name
-
-    if name:
-        check_name(name)
     pipeline = _pipeline(workspace, options, "scale", method=method)
-    ran = pipeline.run_stage("scale", force=options.force)
-    _end(pipeline, [ran])
-    applied = apply_scale(
-        pipeline.workspace, name, pipeline.progress, accepted=pipeline.settings.accept.codes
-    )
+    ran, applied = apply_scale_of(pipeline, name, force=options.force)
     content = {**ran.as_json(), "applied": applied.as_dict()}
     show(content, [*run_lines(ran), *applied.lines()], as_json=options.as_json)
 
@@ -239,45 +236,18 @@ def _print(
     found = [one.as_json() for one in runs]
     content = found[0] if alone else {"workspace": str(pipeline.workspace.root), "stages": found}
     show(content, [line for one in runs for line in run_lines(one)], as_json=options.as_json)
-    _end(pipeline, runs)
-
-
-def _end(pipeline: Pipeline, runs: list[StageRun]) -> None:
-    """End with an error if a result may not be used, so that later stages did not run.
-
-    Raises
-    ------
-    RejectedResultError
-    """
-    for run in runs:
-        if run.obstacle:
-            raise RejectedResultError(
-                f"the result of {run.stage} is {run.obstacle}", pipeline.workspace.root
-            )
+    check_usable(pipeline, runs)
 
 
 def _pipeline(workspace: Path, options: RunOptions, table: str = "", **changed: Any) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
-    # Imported here and not above, so that --help is fast.
-    from fusion.pipeline import Pipeline, Subset
-    from fusion.runtime import Progress
-    from fusion.stages import load_stages
-    from fusion.workspace import Workspace
-
-    opened = Workspace.open(shared_path(workspace, options.cluster), options.solution)
-    settings = opened.settings()
-    settings = _changed(settings, table, changed)
-    if options.accept:
-        try:
-            settings = settings.with_table(
-                "accept", codes=[*settings.accept.codes, *options.accept]
-            )
-        except SettingsError as error:
-            raise typer.BadParameter(error.what, param_hint="--accept") from error
-    progress = Progress.fitting(silent=options.as_json)
-    workforce = executor_of(options.workers, options.cluster)
-    subset = Subset.of(options.only or (), options.within)
-    return Pipeline(opened, settings, load_stages(), workforce, progress, options.wait, subset)
+    site = options.site(workspace)
+    settings = _changed(site.open().settings(), table, changed)
+    try:
+        settings = accepting(settings, options.accept or ())
+    except SettingsError as error:
+        raise typer.BadParameter(error.what, param_hint="--accept") from error
+    return pipeline_of(site, settings, only=options.only or (), within=options.within)
 
 
 def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:

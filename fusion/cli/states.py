@@ -2,46 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
-
-from fusion.cli.options import JsonOption, WaitOption, WorkspaceArgument
+from fusion.cli.options import JsonOption, WaitOption, WorkspaceArgument, site_of
 from fusion.cli.output import show
-from fusion.cli.state_options import BodyOptions, GivenStates, NewSumOptions
-
-if TYPE_CHECKING:
-    from spcola.navigation.states import ImageState, StateDifference
-    from spcola.spice.state_kernels import StateKernels
+from fusion.service.commands.states import (
+    KernelsOptions,
+    SumfilesOptions,
+    make_kernels,
+    make_states,
+)
 
 
 def sumfiles(
     workspace: WorkspaceArgument,
-    table: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="TABLE",
-            help="Names and times of the images (CSV): columns image and utc, et or clock; with "
-            "exposure_s or exposure_ms the time is the start, without the middle.",
-        ),
-    ] = None,
-    image: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="Take name and time from the label of this image instead; repeat it.",
-        ),
-    ] = None,
-    compare: Annotated[
-        bool,
-        typer.Option(
-            "--compare", help="Write nothing: compare the kernels with the states in SUMFILES."
-        ),
-    ] = False,
-    made_with: NewSumOptions = NewSumOptions(),
-    sources: GivenStates = GivenStates(),
+    given: SumfilesOptions = SumfilesOptions(),
     wait: WaitOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -51,83 +24,13 @@ def sumfiles(
     With --compare the states are compared with those of the solution: along the track, across it
     and radially, in degrees and pixels.
     """
-    # The machinery is imported here and not above, so that help comes at once.
-    from fusion.stages.states import compare_with_solution, make_sumfiles
-    from fusion.workspace import Workspace
-    from spcola.formats.solution.exact_camera import stored_camera
-    from spcola.formats.states import exposure_of, read_exposures
-
-    poses = sources.table.poses
-    given = sum(source is not None for source in (table, image, poses))
-    if given > 1 or (not compare and (given == 0 or made_with.camera is None)):
-        raise typer.BadParameter(
-            "give TABLE, --image or --poses, and --camera; or --compare", param_hint="TABLE"
-        )
-    if poses is None and not sources.kernels.frame:
-        raise typer.BadParameter("is needed with kernels", param_hint="--frame")
-    there = Workspace.open(workspace)
-    exposures = None if table is None else read_exposures(table)
-    exposures = [exposure_of(path) for path in image] if image else exposures
-    found = sources.states(there, exposures)
-    found = found.named(made_with.letter) if made_with.letter else found
-    if compare:
-        differences = compare_with_solution(there, found)
-        compared = {"images": [one.as_json() for one in differences]}
-        show(compared, _comparison_lines(differences), as_json=as_json)
-        return
-    made = make_sumfiles(there, found, made_with.nominal(), wait=wait)
-    originals = found.originals or [state.name for state in made]
-    content = {
-        "workspace": there.root,
-        "images": [
-            {**_state_facts(state), "original": original}
-            for state, original in zip(made, originals, strict=True)
-        ],
-    }
-    stored = stored_camera(there.image(made[0].name).camera)
-    fitted = [f"  {stored.text}: {stored.file}"] if stored.file else []
-    if stored.file:
-        content["camera_fit"] = stored.as_json()
-    ranges = [math.hypot(*state.scobj) for state in made]
-    line = (
-        f"Wrote {'.SUM' if found.body_rates is None else '.SUM and .NOM'} of {len(made)} images, "
-        f"{min(ranges):.6g} to {max(ranges):.6g} m from the body's centre"
-    )
-    show(content, [line, *fitted], as_json=as_json)
+    given.check()
+    site = site_of(workspace, wait=wait, as_json=as_json)
+    show(*make_states(site, given), as_json=as_json)
 
 
 def kernels(
-    workspace: WorkspaceArgument,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder for the kernels.")],
-    pck: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="PCK with the rotation of the solution; else that of [spin] with its shifts, else "
-            "that of [spice] kernels.",
-        ),
-    ] = None,
-    max_gap_s: Annotated[
-        float,
-        typer.Option(
-            "--max-gap",
-            metavar="S",
-            min=2.0,
-            max=1e7,
-            help="Positions further apart, seconds, are not interpolated between.",
-        ),
-    ] = 600.0,
-    camera: Annotated[
-        int,
-        typer.Option(
-            metavar="NUMBER",
-            min=-(10**9),
-            max=0,
-            help="NAIF number of the first camera; if not given, the spacecraft's × 1000 − 990.",
-        ),
-    ] = 0,
-    names: BodyOptions = BodyOptions(),
-    as_json: JsonOption = False,
+    workspace: WorkspaceArgument, given: KernelsOptions, as_json: JsonOption = False
 ) -> None:
     """Write SPICE kernels from the solved states of the images (.SUM files).
 
@@ -135,79 +38,4 @@ def kernels(
     meta-kernel, and a table of the images. They are read back: each state must come back to 1 mm
     and 1 µrad.
     """
-    from fusion.stages.line_scans import line_scans_not_used
-    from fusion.stages.states import SourceOptions, export_kernels
-    from fusion.workspace import Workspace
-
-    there = Workspace.open(workspace)
-    made = export_kernels(
-        there,
-        there.settings(),
-        out,
-        options=SourceOptions(spacecraft=names.spacecraft, body=names.body),
-        pck=pck,
-        camera=camera,
-        max_gap_s=max_gap_s,
-    )
-    left = line_scans_not_used(there)
-    lines = [f"  {one['text']} [{one['code']}]" for one in left.values()]
-    show({**_kernel_facts(out, made), **left}, [*_kernel_lines(out, made), *lines], as_json=as_json)
-
-
-def _state_facts(state: ImageState) -> dict[str, Any]:
-    """Return a state for ``--json``."""
-    return {
-        "image": state.name,
-        "et": state.time,
-        "source": state.source,
-        "scobj_m": state.scobj.tolist(),
-        "axes": state.axes.tolist(),
-        "sun": state.sun.tolist(),
-    }
-
-
-def _comparison_lines(found: list[StateDifference]) -> list[str]:
-    """Return the largest and the middle difference of all images."""
-    import numpy as np
-
-    def row(name: str, values: Any, unit: str) -> str:
-        size = np.abs(np.array(values))
-        known = size[np.isfinite(size).all(axis=1)]
-        if not len(known):
-            return f"  {name}: unknown"
-        median, most = np.median(known, axis=0), known.max(axis=0)
-        parts = [f"{a:.4g} ({b:.4g})" for a, b in zip(median, most, strict=True)]
-        return f"  {name}, {unit}: {', '.join(parts)}"
-
-    return [
-        f"Differences from the solution, {len(found)} images: median (largest) of their sizes",
-        row("along the track, across, radial", [one.track_m for one in found], "m"),
-        row("along Cx, Cy, Cz", [one.camera_m for one in found], "m"),
-        row("pointing about Cx, Cy, Cz", [np.degrees(one.pointing) for one in found], "°"),
-        row("at the boresight, pixel and line", [one.pixels for one in found], "px"),
-    ]
-
-
-def _kernel_facts(out: Path, made: StateKernels) -> dict[str, Any]:
-    return {
-        "folder": out,
-        "files": list(made.files),
-        "images": made.images,
-        "cameras": made.cameras,
-        "segments": made.segments,
-        "span_et": list(made.span),
-        "read_back_position_m": made.position_m,
-        "read_back_pointing_rad": made.pointing,
-    }
-
-
-def _kernel_lines(out: Path, made: StateKernels) -> list[str]:
-    from spcola.navigation import utc_from_et
-
-    first, last = (utc_from_et(time) for time in made.span)
-    return [
-        f"{out}: {', '.join(made.files)}",
-        f"  images: {made.images}, cameras: {made.cameras}, {first} to {last} UTC, in "
-        f"{made.segments} arcs",
-        f"  read back: within {made.position_m:.2g} m and {made.pointing:.2g} rad",
-    ]
+    show(*make_kernels(site_of(workspace, as_json=as_json), given), as_json=as_json)

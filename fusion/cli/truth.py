@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import typer
 
-from fusion.cli.assess import assess
-from fusion.cli.options import JsonOption, WorkersOption, with_shared_options
+from fusion.cli.options import (
+    JsonOption,
+    PanelCommand,
+    WorkersOption,
+    WorkspaceArgument,
+    site_of,
+    with_shared_options,
+)
 from fusion.cli.output import show
 from fusion.cli.program import guarded
+from fusion.service.commands.assessment import AssessOptions, assess_models
 
 app = typer.Typer(
     name="truth",
@@ -19,6 +26,43 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
+
+
+@dataclass(frozen=True)
+class MissionOptions:
+    """Options that change a preset."""
+
+    panel: ClassVar[str] = "Changes of the preset"
+    format: Annotated[
+        Literal["ola", "hdf5", "laz"], typer.Option(help="File format of the scans.")
+    ] = "ola"
+    images: Annotated[
+        bool | None,
+        typer.Option(
+            "--images/--no-images", help="Whether images are rendered; by default as in the preset."
+        ),
+    ] = None
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change a setting of the preset, by its name under 'settings' in truth.json: "
+            "solution.noise=0.2, lidar.spacing=0.07, body.smallest_rock=0.05, "
+            "campaign.legs.0.images=4. Repeat it for several.",
+        ),
+    ] = None
+    base: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Shape (ICQ, OBJ or PLY) on which the body of a blind mission is built; distances "
+            "and the mesh follow its size.",
+        ),
+    ] = None
+    base_unit: Annotated[
+        Literal["km", "m"], typer.Option(help="Unit of that shape, if it is OBJ or PLY.")
+    ] = "km"
 
 
 def make(
@@ -43,37 +87,8 @@ def make(
         int,
         typer.Option(metavar="N", min=0, max=2**32 - 1, help="Seed of all random errors."),
     ] = 1,
-    format: Annotated[
-        Literal["ola", "hdf5", "laz"], typer.Option(help="File format of the scans.")
-    ] = "ola",
-    images: Annotated[
-        bool | None,
-        typer.Option(
-            "--images/--no-images", help="Whether images are rendered; by default as in the preset."
-        ),
-    ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="PATH=VALUE",
-            help="Change a setting of the preset, by its name under 'settings' in truth.json: "
-            "solution.noise=0.2, lidar.spacing=0.07, body.smallest_rock=0.05, "
-            "campaign.legs.0.images=4. Repeat it for several.",
-        ),
-    ] = None,
+    mission: MissionOptions = MissionOptions(),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only print its size.")] = False,
-    base: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Shape (ICQ, OBJ or PLY) on which the body of a blind mission is built; distances "
-            "and the mesh follow its size.",
-        ),
-    ] = None,
-    base_unit: Annotated[
-        Literal["km", "m"], typer.Option(help="Unit of that shape, if it is OBJ or PLY.")
-    ] = "km",
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -86,10 +101,11 @@ def make(
     from fusion.runtime import Progress, ThreadExecutor
     from fusion.truth import PRESETS, changed, make_mission, mission_size, on_base
 
-    settings = on_base(replace(PRESETS[preset](seed), lidar_format=format), base, base_unit)
-    if images is not None:
-        settings = settings.with_images(images)
-    settings = changed(settings, changes or [])
+    start = replace(PRESETS[preset](seed), lidar_format=mission.format)
+    settings = on_base(start, mission.base, mission.base_unit)
+    if mission.images is not None:
+        settings = settings.with_images(mission.images)
+    settings = changed(settings, mission.changes or [])
     size = mission_size(settings)
     progress = Progress.fitting(silent=as_json)
     content: dict[str, Any] = {
@@ -107,19 +123,37 @@ def make(
         folder, settings=settings, executor=ThreadExecutor(workers), progress=progress
     )
     content["planted"] = planted.in_view()
-    start = f"--spc {folder / 'spc'}"
+    given = f"--spc {folder / 'spc'}"
     if planted.blind:
-        start = f"--shape {folder / 'shape' / 'rough.obj'}"
+        given = f"--shape {folder / 'shape' / 'rough.obj'}"
     lines = [
         f"Made {folder}: {preset}, seed {seed}. Planted values are in {folder / 'truth.json'}.",
-        f"Next: spcola init WS {start}, spcola import WS {folder / 'lidar'}/*",
+        f"Next: spcola init WS {given}, spcola import WS {folder / 'lidar'}/*",
     ]
     show(content, lines, as_json=as_json)
 
 
-app.command("make", epilog="Example: spcola truth make /tmp/bennu --preset bennu --seed 2")(
-    guarded(make)
-)
+def assess(
+    workspace: WorkspaceArgument,
+    given: AssessOptions,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare models with the truth of a synthetic mission.
+
+    Prints 3D rms and optimised 3D rms, height errors by region, slopes, resolution, calibration of
+    the stated sigmas, FormU, and recovered against planted parameters.
+    """
+    given.check()
+    site = site_of(workspace, workers=workers, as_json=as_json)
+    show(*assess_models(site, given), as_json=as_json)
+
+
+app.command(
+    "make",
+    cls=PanelCommand,
+    epilog="Example: spcola truth make /tmp/bennu --preset bennu --seed 2",
+)(guarded(with_shared_options(make)))
 app.command(
     "assess", epilog="Example: spcola truth assess WS --truth /tmp/bennu --report truth.html"
 )(guarded(with_shared_options(assess)))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fusion.service.jobs import Job, JobState, error_class
+from fusion.service.faults import error_class
+from fusion.service.jobs import Job, JobState
 from spcola.errors import SpcolaError
 
 

@@ -14,7 +14,6 @@ from fusion.client.local_jobs import LocalJobs
 from fusion.client.place import FilePart, View
 from fusion.client.steps import Compute, Steps
 from fusion.inspection import describe_solution
-from fusion.pipeline.solutions import use_solution
 from fusion.runtime import json_value
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.folder import ServedFolder
@@ -39,7 +38,7 @@ from fusion.service.views.surfaces import (
     value_at,
 )
 from fusion.service.views.tables import TableFormat, read_table, table_names
-from fusion.workspace import IMPORTED, Workspace
+from fusion.workspace import Workspace
 
 _PAGE = 1000
 
@@ -88,15 +87,6 @@ class Local(LocalJobs):
     def file(self, workspace: str, path: str, begin: int, count: int, tag: str) -> Steps[FilePart]:
         """Return up to `count` bytes of a file from `begin` on; all of it anew if it changed."""
         return (yield Compute(lambda: self._part(workspace, path, begin, count, tag)))
-
-    def use_solution(self, workspace: str, name: str) -> Steps[dict[str, Any]]:
-        """Let all commands read a solution from now on."""
-
-        def use() -> dict[str, Any]:
-            with self.folder.opened(workspace, IMPORTED) as opened:
-                return {"in_use": use_solution(opened, name).solution}
-
-        return (yield Compute(use))
 
     @contextmanager
     def _reading(

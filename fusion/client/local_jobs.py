@@ -101,7 +101,7 @@ class LocalJobs:
         """Submit a job, and see that a worker does it."""
 
         def add() -> Job:
-            check_parameters(self.folder, request.workspace, request.kind, request.parameters)
+            self._check(request)
             mine = JobRequest(**{**_fields(request), "user": _user()})
             return self._working().submit(mine)
 
@@ -168,6 +168,19 @@ class LocalJobs:
                 content = json_value(event.as_json())
                 yield Emit(Event.from_json(event.number, event.kind, content))
             yield Pause(_LOOK_S)
+
+    def _check(self, request: JobRequest) -> None:
+        """Refuse a job that cannot begin."""
+        store = self._opened()
+        before = [store.job(one).request.workspace for one in request.after]
+        check_parameters(
+            self.folder,
+            store.uploads,
+            request.workspace,
+            request.kind,
+            request.parameters,
+            follows=request.workspace in before,
+        )
 
     def _job(self, made: Callable[[], Job]) -> Steps[Job]:
         job: Job = yield Compute(made)

@@ -72,10 +72,6 @@ class Place(Protocol):
         """Return up to `count` bytes of a file from `begin` on; all of it anew if it changed."""
         ...
 
-    def use_solution(self, workspace: str, name: str) -> Steps[dict[str, Any]]:
-        """Let all commands read a solution from now on."""
-        ...
-
     def uploads(self, workspace: str) -> Steps[list[dict[str, Any]]]:
         """Return the uploads that are open or wait for their import."""
         ...

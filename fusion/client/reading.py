@@ -90,12 +90,6 @@ class Reading:
         return (yield from self._view(View.SOLUTION, workspace, name=name))
 
     @call
-    def use_solution(self, workspace: str, name: str) -> Steps[str]:
-        """Let all commands read a solution from now on where none is named; return its name."""
-        content = yield from self.place.use_solution(workspace, name)
-        return str(content["in_use"])
-
-    @call
     def solutions_compared(self, workspace: str, first: str, second: str) -> Steps[dict[str, Any]]:
         """Return how the solution `second` differs from `first`."""
         names = {"first": first, "second": second}

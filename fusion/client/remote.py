@@ -79,11 +79,6 @@ class Remote:
         span, _, size = answer.headers["content-range"].removeprefix("bytes ").partition("/")
         return FilePart(answer.body, int(span.partition("-")[0]), int(size), tag)
 
-    def use_solution(self, workspace: str, name: str) -> Steps[dict[str, Any]]:
-        """Let all commands read a solution from now on."""
-        place = f"{_workspace(workspace)}/solutions/{quote(name, safe='')}/use"
-        return (yield from self.asking.json(Request("POST", place), repeat=True))
-
     def uploads(self, workspace: str) -> Steps[list[dict[str, Any]]]:
         """Return the uploads that are open or wait for their import."""
         content = yield from self.asking.json(Request("GET", _uploads(workspace)))

@@ -103,6 +103,14 @@ class Working:
         return dict(_checked(ended).result["forecast"])
 
     @call
+    def use_solution(self, workspace: str, name: str) -> Steps[str]:
+        """Let all commands read a solution from now on where none is named; return its name."""
+        request = _request(workspace, JobKind.SOLUTION_USE, {"name": name}, _SOON)
+        job = yield from self.place.submit(request)
+        ended = yield from self._ended(job, lambda _: None, None)
+        return str(_checked(ended).result["in_use"])
+
+    @call
     def job(self, job: Job | str) -> Steps[Job]:
         """Return a job with its progress, and its result or error."""
         return (yield from self.place.job(_id(job)))

@@ -88,6 +88,19 @@ ensure_postgresql() {
     fi
 }
 
+# The browser for tests of the page. Where it cannot be installed they are skipped.
+ensure_chromium() {
+    if command -v chromium >/dev/null || command -v google-chrome >/dev/null; then
+        return
+    fi
+    if [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
+        (need_packages 'the page of the service is tested in Chromium' chromium) ||
+            printf 'The tests of the page are skipped\n'
+    else
+        printf 'No Chromium is installed: tests of the page are skipped (apt-get install chromium)\n'
+    fi
+}
+
 ensure_environment() {
     local fingerprint
     fingerprint=$(fingerprint)

@@ -53,7 +53,10 @@ class Service:
         return self.folder / "ball"
 
     def submit(self, kind: JobKind = JobKind.RUN, **parameters: object) -> Job:
-        return self.store.submit(JobRequest(kind, "ball", "ann", parameters))
+        return self.submit_to("ball", kind, **parameters)
+
+    def submit_to(self, workspace: str, kind: JobKind, **parameters: object) -> Job:
+        return self.store.submit(JobRequest(kind, workspace, "ann", parameters))
 
     def work(self, **changed: object) -> None:
         """Do all jobs that may begin, in this process."""

@@ -73,7 +73,9 @@ def _check_new(workspace: Workspace, folder: Path) -> None:
     """Refuse a folder that exists, or that stages of the workspace would read."""
     if folder.exists() or folder.is_symlink() or folder.resolve().exists():
         raise WorkspaceError("exists already", folder, "name a folder that does not exist")
-    if folder.resolve().is_relative_to(workspace.root.resolve()):
+    root, place = workspace.root.resolve(), folder.resolve()
+    # No stage reads a hidden folder; the service keeps what jobs write in one.
+    if place.is_relative_to(root) and not place.relative_to(root).parts[0].startswith("."):
         raise WorkspaceError("lies in the workspace", folder, "name a folder outside of it")
 
 

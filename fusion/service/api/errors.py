@@ -7,7 +7,7 @@ from enum import StrEnum
 from http import HTTPStatus
 from typing import Any
 
-from fusion.service.jobs import error_class
+from fusion.service.faults import error_class
 from fusion.service.store import StoreError, StoreFault, UnknownJobError
 from spcola.errors import SpcolaError
 

@@ -1,10 +1,11 @@
-"""Problem documents (RFC 9457): one table from exception to status and code."""
+"""Problem documents (RFC 9457) of errors; `fusion.service.faults` has their codes."""
 
 from __future__ import annotations
 
 import errno
 import logging
 import math
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -17,22 +18,13 @@ from starlette.responses import JSONResponse, Response
 from fusion.runtime import json_value
 from fusion.service.api.errors import CODES, Refusal, RequestRefusedError
 from fusion.service.api.records import request_id
-from fusion.service.jobs import ERROR_CODES
+from fusion.service.faults import fault_of
 from fusion.service.store import StoreError
-from spcola.errors import RejectedResultError, SpcolaError, WorkspaceError, printable
+from spcola.errors import SpcolaError, printable
 
 MEDIA_TYPE = "application/problem+json"
 _LOG = logging.getLogger("spcola.service")
 _FULL = {errno.ENOSPC, errno.EDQUOT}
-_CONFLICTS: dict[type[Exception], HTTPStatus] = dict.fromkeys(
-    (RejectedResultError, WorkspaceError), HTTPStatus.CONFLICT
-)
-
-TABLE: dict[type[Exception], tuple[HTTPStatus, str]] = {
-    kind: (_CONFLICTS.get(kind, HTTPStatus.UNPROCESSABLE_ENTITY), code)
-    for kind, code in ERROR_CODES.items()
-}
-"""Status and code of each error; the nearest class among an error's bases counts."""
 
 
 def status_and_code(error: Exception) -> tuple[HTTPStatus, str]:
@@ -41,10 +33,7 @@ def status_and_code(error: Exception) -> tuple[HTTPStatus, str]:
         return CODES[error.code], error.code
     if {getattr(each, "errno", None) for each in (error, error.__cause__)} & _FULL:
         return HTTPStatus.INSUFFICIENT_STORAGE, Refusal.DISK_FULL
-    for kind in type(error).__mro__:
-        if kind in TABLE:
-            return TABLE[kind]
-    return HTTPStatus.INTERNAL_SERVER_ERROR, "internal"
+    return fault_of(error)
 
 
 def problem_response(request: Request, error: Exception) -> Response:
@@ -63,7 +52,7 @@ def problem_response(request: Request, error: Exception) -> Response:
             del content["where"]
     elif status is HTTPStatus.INSUFFICIENT_STORAGE:
         content = {"detail": "no space is left on the disk", "do": "free some, and try again"}
-    if status is HTTPStatus.INTERNAL_SERVER_ERROR:
+    elif status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         _LOG.error("unexpected error", exc_info=error, extra={"request": request_id(request)})
     root = str(request.app.state.service.root)
     texts = {key: _without_path(text, root) for key, text in content.items() if text is not None}
@@ -102,10 +91,7 @@ def add_problem_handlers(app: FastAPI) -> None:
 
     async def invalid(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        first = error.errors()[0] if error.errors() else {"loc": ("body",), "msg": "is not valid"}
-        where = ".".join(printable(str(part))[:60] for part in first["loc"])
-        refusal = RequestRefusedError(Refusal.INVALID, printable(str(first["msg"])), where)
-        return problem_response(request, refusal)
+        return problem_response(request, _invalid(request, error.errors()))
 
     async def http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
@@ -113,12 +99,29 @@ def add_problem_handlers(app: FastAPI) -> None:
         code = next((code for code, own in CODES.items() if own is status), Refusal.INVALID)
         detail = printable(str(error.detail))
         headers = dict(error.headers or {})
-        return problem_document(request, status, code, headers=headers, detail=detail)
+        do = {"do": f"use {headers['Allow']}"} if "Allow" in headers else {}
+        return problem_document(request, status, code, headers=headers, detail=detail, **do)
 
     app.add_exception_handler(SpcolaError, known)
     app.add_exception_handler(OSError, known)
+    app.add_exception_handler(MemoryError, known)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(HTTPException, http)
+
+
+def _invalid(request: Request, errors: Sequence[Any]) -> RequestRefusedError:
+    """Return what is wrong with a request whose values are not those described."""
+    first: dict[str, Any] = (
+        errors[0] if errors else {"loc": ("body",), "msg": "is not valid", "type": ""}
+    )
+    where = ".".join(printable(str(part))[:60] for part in first["loc"])
+    what, do = printable(str(first["msg"])), None
+    if first["type"] == "json_invalid":
+        why = (first.get("ctx") or {}).get("error", "")
+        what, where = f"is not JSON: {printable(str(why))} at character {first['loc'][-1]}", "body"
+    elif where == "body" and "json" not in request.headers.get("content-type", ""):
+        what, do = "is not JSON", "send it with the header Content-Type: application/json"
+    return RequestRefusedError(Refusal.INVALID, what, where, do)
 
 
 def _without_path(text: str, root: str) -> str:

@@ -1,6 +1,5 @@
 """Jobs of the service as values, and the interface of their queue."""
 
-from fusion.service.jobs.errors import ERROR_CODES, error_class
 from fusion.service.jobs.queue import JobQueue
 from fusion.service.jobs.values import (
     Event,
@@ -13,7 +12,6 @@ from fusion.service.jobs.values import (
 )
 
 __all__ = [
-    "ERROR_CODES",
     "Event",
     "Job",
     "JobError",
@@ -22,5 +20,4 @@ __all__ = [
     "JobQueue",
     "JobRequest",
     "JobState",
-    "error_class",
 ]

@@ -32,6 +32,15 @@ class JobKind(StrEnum):
     IMAGES = "images"  # uploaded images
     INIT = "init"  # a workspace from uploaded SPC files and a shape
     FORECAST = "forecast"  # time, memory and disk of a run
+    SCALE_APPLY = "scale-apply"  # a scaled solution
+    SUMFILES = "sumfiles"  # states of images
+    KERNELS = "kernels"  # SPICE kernels of the states
+    SOLUTION_USE = "solution-use"
+    SOLUTION_EXPORT = "solution-export"
+    SOLUTION_REMOVE = "solution-remove"
+    TRUTH_ASSESS = "truth-assess"  # models against a synthetic mission
+    CAMERA_CALIBRATE = "camera-calibrate"  # a camera from stars
+    CAMERA_CONVERT = "camera-convert"  # a camera file of other formats
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,8 @@ class JobRequest:
     user : str
     parameters : mapping
         What the kind of job takes, as JSON: of a run `stages`, `settings` (tables as in
-        ``spcola.toml``), `solution`, `only`, `within`, `accept`, `force`; of an import `uploads`.
+        ``spcola.toml``), `solution`, `only`, `within`, `accept`, `force`; of
+        other kinds the options of the command.
     priority : int
         From -100 to 100; of one user's jobs, those with the highest begin first.
     after : tuple of str

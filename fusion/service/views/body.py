@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Mapping
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from fusion.service.views.surfaces import LayerCache, SurfaceKind, open_surface, surface_names
 from fusion.service.views.surfaces.cache import stamp_of
+from fusion.service.views.surfaces.layers import LAYERS
 from fusion.service.views.surfaces.sampling import sampled
 from fusion.service.views.surfaces.surface import Surface
 from fusion.workspace import Workspace
@@ -17,7 +19,7 @@ from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.shape import Mesh, decimated
 
-__all__ = ["SHAPE_LAYERS", "mesh_bytes", "shape_mesh", "vertex_layer"]
+__all__ = ["SHAPE_LAYERS", "mesh_bytes", "shape_layers", "shape_mesh", "vertex_layer"]
 
 SHAPE_LAYERS: Mapping[str, tuple[SurfaceKind, ...]] = {
     "albedo": (SurfaceKind.MAPLET,),
@@ -85,6 +87,27 @@ def mesh_bytes(mesh: Mesh) -> bytes:
         mesh.facets.astype("<u4").tobytes(),
     )
     return b"".join(parts)
+
+
+def shape_layers(workspace: Workspace) -> list[dict[str, Any]]:
+    """Return the layers of which there are surfaces: name, meaning, unit, colours and source.
+
+    Parameters
+    ----------
+    workspace : Workspace
+
+    Raises
+    ------
+    WorkspaceError
+        If a folder cannot be listed.
+    """
+    found = []
+    for name, kinds in SHAPE_LAYERS.items():
+        for kind, names in _first_there(workspace, kinds):
+            about = LAYERS[name]
+            known = {"text": about.text, "unit": about.unit, "colours": about.colours}
+            found.append({"name": name, **known, "of": kind.value, "surfaces": len(names)})
+    return found
 
 
 def vertex_layer(

@@ -113,6 +113,33 @@ def run_record(workspace: Workspace, identity: str) -> dict[str, Any]:
     return runs[identity]
 
 
+def run_request(workspace: Workspace, identity: str) -> dict[str, Any]:
+    """Return the job that reproduces a run: its stage with its settings, in its solution.
+
+    In a workspace with the same inputs and the same version of the program it makes the same files
+    to the bit; :func:`runs_compared` shows it.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    identity : str
+        `id` of :func:`run_list`.
+
+    Raises
+    ------
+    WorkspaceError
+        If there is none.
+    """
+    run = run_record(workspace, identity)
+    tables = {
+        name: run["settings"][type(table).__name__]
+        for name, table in workspace.settings()
+        if type(table).__name__ in run["settings"]
+    }
+    parameters = {"stages": [run["stage"]], "solution": run["solution"], "settings": tables}
+    return {"kind": "run", "parameters": {**parameters, "force": True}}
+
+
 def runs_compared(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     """Return what differs between two runs (:func:`run_record`), also of different workspaces.
 

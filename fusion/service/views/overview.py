@@ -84,10 +84,10 @@ def coverage(workspace: Workspace, *, step_deg: float = 5.0) -> dict[str, Any]:
     Returns
     -------
     dict
-        Of surfaces the columns `name`, `longitude_deg`, `latitude_deg`, `side_m` and `gsd_m`; of
-        images the points below the spacecraft, evenly chosen if there are over 2000; of returns
-        `density_per_m2` (rows from the south, columns from 0° east), from an even choice of
-        `counted` among all `returns`. Mapolas and returns are in the frame of the lidar.
+        Of surfaces the columns `name`, `longitude_deg`, `latitude_deg`, `radius_m`, `side_m` and
+        `gsd_m`; of images the points below the spacecraft, evenly chosen if there are over 2000;
+        of returns `density_per_m2` (rows from the south, columns from 0° east), from an even
+        choice of `counted` among all `returns`. Mapolas and returns are in the frame of the lidar.
 
     Raises
     ------
@@ -153,6 +153,7 @@ def _footprints(paths: Iterable[Path]) -> dict[str, Any]:
         "name": [name for name, _ in known],
         "longitude_deg": longitude,
         "latitude_deg": latitude,
+        "radius_m": np.linalg.norm(centers, axis=1),
         "side_m": [(grid.size - 1) * grid.gsd for _, grid in known],
         "gsd_m": [grid.gsd for _, grid in known],
     }

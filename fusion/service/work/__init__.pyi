@@ -1,7 +1,7 @@
 from .logs import start_log as start_log
 from .options import WorkOptions as WorkOptions
 from .parameters import parameters_of as parameters_of
-from .process import run_worker as run_worker
+from .places import Places as Places
 from .process import worker_command as worker_command
 from .supervisor import Supervisor as Supervisor
 from .worker import work as work

@@ -4,30 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from fusion.inspection.forecasts import forecast_json, stage_forecasts
-from fusion.pipeline import Pipeline, StageRun, Subset
+from fusion.pipeline import Pipeline, StageRun
 from fusion.runtime import Executor
-from fusion.service.jobs import JobKind, JobRequest
+from fusion.service.commands.json_options import options_of, wrong_usage
+from fusion.service.commands.site import Site
+from fusion.service.commands.stages import (
+    accepting,
+    apply_scale_of,
+    check_usable,
+    pipeline_of,
+)
+from fusion.service.commands.table import COMMANDS, Command
+from fusion.service.jobs import Job, JobKind, JobRequest
 from fusion.service.work.begin import begin_workspace
 from fusion.service.work.parameters import (
-    ImagesParameters,
-    ImportParameters,
+    ApplyParameters,
     InitParameters,
     RunParameters,
     parameters_of,
 )
 from fusion.service.work.places import Places
 from fusion.service.work.report import JobReport
-from fusion.stages import import_scans, load_stages
-from fusion.stages.images import ImportOptions, Recipe, StateChoice, StateKind, Turn, import_images
-from fusion.stages.ingest import LidarFile
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
-from spcola.errors import InvalidValueError, RejectedResultError
 
-UPLOADED = frozenset({JobKind.IMPORT, JobKind.IMAGES, JobKind.INIT})
+UPLOADED = frozenset({JobKind.INIT, *(kind for kind, one in COMMANDS.items() if one.reads_files)})
 """Kinds that read files of users: with limits of memory and time."""
 
 
@@ -35,14 +42,20 @@ UPLOADED = frozenset({JobKind.IMPORT, JobKind.IMAGES, JobKind.INIT})
 class Assignment:
     """A job, and what a worker does it with."""
 
-    request: JobRequest
+    job: Job
     places: Places
     executor: Executor
     report: JobReport
 
-    def open(self, solution: str = "") -> Workspace:
-        """Open the workspace of the job."""
-        return Workspace.open(self.places.workspace(self.request.workspace), solution)
+    @property
+    def request(self) -> JobRequest:
+        """What the job is asked to do."""
+        return self.job.request
+
+    def site(self, solution: str = "", folders: tuple[Path, ...] = ()) -> Site:
+        """Return where and with what the command of the job works."""
+        root = self.places.workspace(self.request.workspace)
+        return Site(root, self.executor, self.report, solution, folders=folders)
 
 
 def perform_job(assignment: Assignment) -> dict[str, Any]:
@@ -54,105 +67,66 @@ def perform_job(assignment: Assignment) -> dict[str, Any]:
     """
     kind = assignment.request.kind
     given = parameters_of(kind, assignment.request.parameters)
+    if kind in COMMANDS:
+        return _by_command(assignment, COMMANDS[kind], given)
     return _KINDS[kind](assignment, given)
+
+
+def _by_command(assignment: Assignment, command: Command, given: BaseModel) -> dict[str, Any]:
+    """Do what a command does with the same options; its lines go to the log."""
+    request = assignment.request
+    places, job = assignment.places, assignment.job.id
+    with places.desk(request.workspace, job, together=command.together) as desk:
+        options = options_of(command.options, given, desk.path_of)
+        site = assignment.site(getattr(given, "solution", ""), (desk.read,))
+        done = wrong_usage(lambda: command.perform(site, options))()
+        for line in done.lines:
+            assignment.report.note(desk.named(line))
+        return dict(desk.named_in(done.content))
+
+
+def _pipeline(assignment: Assignment, given: RunParameters | ApplyParameters) -> Pipeline:
+    """Return the stages of a workspace, with the settings of a job."""
+    site = assignment.site(given.solution)
+    settings = accepting(_settings(site.open(), given), given.accept)
+    if isinstance(given, RunParameters):
+        return pipeline_of(site, settings, only=given.only, within=given.within)
+    return pipeline_of(site, settings)
 
 
 def _run(assignment: Assignment, given: RunParameters) -> dict[str, Any]:
     """Run stages, as ``spcola run`` or the commands of the stages do."""
-    workspace = assignment.open(given.solution)
-    pipeline = Pipeline(
-        workspace,
-        _settings(workspace, given),
-        load_stages(),
-        assignment.executor,
-        assignment.report,
-        subset=Subset.of(given.only, given.within),
-    )
-    if given.only and len(given.stages) != 1:
-        raise InvalidValueError("names items of one stage: name it in stages", "run: only")
+    pipeline = _pipeline(assignment, given)
     if given.stages:
         runs = [pipeline.run_stage(stage, force=given.force) for stage in given.stages]
     else:
         runs = pipeline.run(force=given.force)
     for run in runs:
         assignment.report.note(_line(run))
-    for run in runs:
-        if run.obstacle:
-            raise RejectedResultError(f"the result of {run.stage} is {run.obstacle}")
+    check_usable(pipeline, runs)
     return {
         "workspace": assignment.request.workspace,
         "stages": [run.as_json() for run in runs],
     }
 
 
-def _settings(workspace: Workspace, given: RunParameters) -> Settings:
+def _scale_apply(assignment: Assignment, given: ApplyParameters) -> dict[str, Any]:
+    """Make a scaled solution, as ``spcola scale --apply`` does."""
+    pipeline = _pipeline(assignment, given)
+    ran, applied = apply_scale_of(pipeline, given.name, force=given.force)
+    for line in (_line(ran), *applied.lines()):
+        assignment.report.note(line)
+    return {**ran.as_json(), "applied": applied.as_dict()}
+
+
+def _settings(workspace: Workspace, given: RunParameters | ApplyParameters) -> Settings:
     """Return the settings of a workspace with those of a job."""
-    settings = workspace.settings().with_tables(given.settings, "settings of the job")
-    if not given.accept:
-        return settings
-    return settings.with_table("accept", codes=[*settings.accept.codes, *given.accept])
+    return workspace.settings().with_tables(given.settings, "settings of the job")
 
 
 def _line(run: StageRun) -> str:
     why = f": {run.reason}" if run.reason else ""
     return f"{run.stage}: {run.state}{why}"
-
-
-def _import(assignment: Assignment, given: ImportParameters) -> dict[str, Any]:
-    """Read uploaded lidar files, as ``spcola import`` does."""
-    if given.name and len(given.uploads) > 1:
-        raise InvalidValueError("names one file only", "import: name")
-    files = assignment.places.uploads(assignment.request.workspace, given.uploads)
-    form = (given.format, given.columns, given.unit, given.gps_time)
-    done = import_scans(
-        assignment.open(),
-        [LidarFile(path, given.name, *form) for path in files],
-        executor=assignment.executor,
-        progress=assignment.report,
-    )
-    return {"scans": [one.as_dict() for one in done]}
-
-
-def _images(assignment: Assignment, given: ImagesParameters) -> dict[str, Any]:
-    """Bring uploaded images in, as ``spcola images`` does."""
-    places, name = assignment.places, assignment.request.workspace
-    if given.states == "poses" and (given.poses is None or given.camera is None):
-        raise InvalidValueError("need a table of poses and a camera", "images: states")
-    files = places.uploads(name, given.uploads)
-    poses, camera, times, pck, dark, flat = (
-        places.one_upload(name, upload)
-        for upload in (given.poses, given.camera, given.times, given.pck, given.dark, given.flat)
-    )
-    states = StateChoice(
-        StateKind(given.states), poses, camera, times, columns=given.columns, pck=pck
-    )
-    recipe = Recipe(dark, flat, given.dark_scale, given.bits, _turn(given.orientation))
-    workspace = assignment.open(given.solution)
-    done = import_images(
-        workspace,
-        files,
-        ImportOptions(recipe, states, given.letter, tuple(given.filters), given.size),
-        executor=assignment.executor,
-        progress=assignment.report,
-    )
-    return {
-        "workspace": name,
-        "solution": workspace.solution,
-        "new": [record.as_json() for record in done.new],
-        "known": [record.name for record in done.known],
-        "filtered": done.filtered,
-        "remarks": list(done.remarks),
-        "doubts": [one.as_json() for one in done.doubts],
-    }
-
-
-def _turn(name: str) -> Turn:
-    try:
-        return Turn(name)
-    except ValueError as error:
-        raise InvalidValueError(
-            f"{name!r} is none of {', '.join(Turn)}", "images: orientation"
-        ) from error
 
 
 def _init(assignment: Assignment, given: InitParameters) -> dict[str, Any]:
@@ -170,10 +144,9 @@ def _init(assignment: Assignment, given: InitParameters) -> dict[str, Any]:
 
 def _forecast(assignment: Assignment, given: RunParameters) -> dict[str, Any]:
     """Return what each stage will take, as ``spcola run --forecast`` does."""
-    workspace = assignment.open(given.solution)
-    found = stage_forecasts(
-        workspace, _settings(workspace, given), workers=assignment.executor.workers
-    )
+    workspace = assignment.site(given.solution).open()
+    settings = accepting(_settings(workspace, given), given.accept)
+    found = stage_forecasts(workspace, settings, workers=assignment.executor.workers)
     details = dict(found["mapolas"].details)
     if given.stages:
         found = {name: found[name] for name in found if name in given.stages}
@@ -186,8 +159,7 @@ def _forecast(assignment: Assignment, given: RunParameters) -> dict[str, Any]:
 
 _KINDS: Mapping[JobKind, Callable[[Assignment, Any], dict[str, Any]]] = {
     JobKind.RUN: _run,
-    JobKind.IMPORT: _import,
-    JobKind.IMAGES: _images,
+    JobKind.SCALE_APPLY: _scale_apply,
     JobKind.INIT: _init,
     JobKind.FORECAST: _forecast,
 }

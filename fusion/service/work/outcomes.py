@@ -10,16 +10,12 @@ from dataclasses import dataclass
 from fusion.runtime.children import PoisonousItemError
 from fusion.runtime.executor import ClusterError
 from fusion.runtime.folders.lock import BusyError
-from fusion.service.jobs import ERROR_CODES, JobError
+from fusion.service.faults import fault_of
+from fusion.service.jobs import JobError
 from fusion.service.store import StoreError, StoreFault
 from fusion.service.work.options import WorkOptions
 from spcola.errors import DiskFullError, printable
 
-_CODES: dict[type[Exception], str] = {
-    PoisonousItemError: PoisonousItemError.code,
-    MemoryError: "out-of-memory",
-    **ERROR_CODES,
-}
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -33,8 +29,8 @@ class Wait:
 
 
 def job_error(error: Exception) -> JobError:
-    """Return why a job failed; the nearest class among an error's bases gives the code."""
-    code = next((_CODES[kind] for kind in type(error).__mro__ if kind in _CODES), "internal")
+    """Return why a job failed, with its code."""
+    code = fault_of(error).code
     text = printable(str(error)) or "no message"
     if code == "internal":
         text = f"unexpected {type(error).__name__}: {text}"

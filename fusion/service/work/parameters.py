@@ -8,15 +8,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fusion.service.commands.json_options import UploadId, options_model
+from fusion.service.commands.stages import check_stages
+from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind
 from fusion.workspace.settings import problem_text
 from spcola.errors import InvalidValueError, SettingsError
 
-UploadId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 _Text = Annotated[str, Field(max_length=1000)]
 _Texts = Annotated[list[_Text], Field(max_length=100_000)]
-_Uploads = Annotated[list[UploadId], Field(min_length=1, max_length=100_000)]
-_Count = Annotated[int, Field(ge=1, le=200_000)]
 
 
 class _Parameters(BaseModel):
@@ -35,36 +35,14 @@ class RunParameters(_Parameters):
     force: bool = False
 
 
-class ImportParameters(_Parameters):
-    """Uploaded lidar files; `name` of the scan of one file, the others as in the command."""
+class ApplyParameters(_Parameters):
+    """A scaled solution: its name (``scaled-1``, … if empty), and how the scale is estimated."""
 
-    uploads: _Uploads
     name: _Text = ""
-    format: _Text = ""
-    columns: dict[_Text, _Text] = {}
-    unit: _Text = ""
-    gps_time: bool = False
-
-
-class ImagesParameters(_Parameters):
-    """Uploaded images; `poses`, `camera`, `times`, `pck`, `dark` and `flat` are uploads too."""
-
-    uploads: _Uploads
+    settings: dict[_Text, dict[_Text, Any]] = {}
     solution: _Text = ""
-    letter: _Text = ""
-    filters: _Texts = []
-    size: tuple[_Count, _Count] | None = None
-    states: Literal["", "label", "poses"] = ""
-    poses: UploadId | None = None
-    camera: UploadId | None = None
-    times: UploadId | None = None
-    pck: UploadId | None = None
-    columns: dict[_Text, _Text] = {}
-    dark: UploadId | None = None
-    flat: UploadId | None = None
-    dark_scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
-    bits: Literal[8, 16] | None = None
-    orientation: _Text = "as-stored"
+    accept: _Texts = []
+    force: bool = False
 
 
 class InitParameters(_Parameters):
@@ -77,16 +55,48 @@ class InitParameters(_Parameters):
     faces_from: Literal[0, 1] = 1
 
 
-PARAMETERS: Mapping[JobKind, type[_Parameters]] = {
+PARAMETERS: Mapping[JobKind, type[BaseModel]] = {
     JobKind.RUN: RunParameters,
-    JobKind.IMPORT: ImportParameters,
-    JobKind.IMAGES: ImagesParameters,
-    JobKind.INIT: InitParameters,
     JobKind.FORECAST: RunParameters,
+    JobKind.SCALE_APPLY: ApplyParameters,
+    JobKind.INIT: InitParameters,
+    **{
+        kind: options_model(f"{kind.value} options", one.options, solution=one.solution)
+        for kind, one in COMMANDS.items()
+    },
 }
+"""What each kind of job takes."""
+
+EXAMPLES: Mapping[JobKind, Mapping[str, Any]] = {
+    JobKind.RUN: {"stages": ["mapolas", "register"], "settings": {"mapolas": {"gsd_m": 0.2}}},
+    JobKind.FORECAST: {"stages": ["fuse"]},
+    JobKind.SCALE_APPLY: {"name": "scaled-1", "accept": ["below-three-sigmas"]},
+    JobKind.INIT: {"body": "Bennu", "uploads": ["k3v9"], "shape": None},
+    JobKind.IMPORT: {"uploads": ["k3v9"], "columns": {"x": "X [km]", "y": "Y [km]", "z": "Z [km]"}},
+    JobKind.IMAGES: {
+        "uploads": ["k3v9", "x07a"], "states": "spice", "kernel": ["m2b1", "m2b2"],
+        "frame": "ORX_OCAMS_MAPCAM", "camera": {"output": "mapcam.toml"}, "dark": "d1f4",
+        "report": True,
+    },
+    JobKind.SUMFILES: {
+        "table": "t5c0", "kernel": ["m2b1", "m2b2"], "frame": "ORX_OCAMS_MAPCAM",
+        "camera": {"output": "mapcam.toml"}, "sigma_m": 2.0, "sigma_mrad": 0.1,
+    },
+    JobKind.KERNELS: {"out": "kernels-2026-11", "pck": "m2b3"},
+    JobKind.SOLUTION_USE: {"name": "scaled-1"},
+    JobKind.SOLUTION_EXPORT: {"name": "scaled-1", "folder": "spc-scaled"},
+    JobKind.SOLUTION_REMOVE: {"name": "scaled-1"},
+    JobKind.TRUTH_ASSESS: {"truth": "j8q2", "report": "truth.html", "solution": "all"},
+    JobKind.CAMERA_CALIBRATE: {
+        "camera": "c4e1", "catalogue": "s9d3", "attitudes": "a6f7", "stars": "b2k5",
+        "out": "nac_calibrated.toml",
+    },
+    JobKind.CAMERA_CONVERT: {"uploads": ["m2b4", "m2b5"], "number": -64361, "out": "mapcam.toml"},
+}  # fmt: skip
+"""Parameters of one job of each kind."""
 
 
-def parameters_of(kind: JobKind, given: Mapping[str, Any]) -> _Parameters:
+def parameters_of(kind: JobKind, given: Mapping[str, Any]) -> BaseModel:
     """Return the checked parameters of a job.
 
     Parameters
@@ -98,7 +108,8 @@ def parameters_of(kind: JobKind, given: Mapping[str, Any]) -> _Parameters:
     Raises
     ------
     InvalidValueError
-        If one is unknown, missing or not allowed; it is named.
+        If one is unknown, missing or not allowed; it is named. If there is no such stage, those
+        that there are.
     SettingsError
         If a setting leads out of the workspace.
     """
@@ -108,8 +119,10 @@ def parameters_of(kind: JobKind, given: Mapping[str, Any]) -> _Parameters:
         problem = error.errors()[0]
         where = ".".join(str(part)[:60] for part in problem["loc"])
         raise InvalidValueError(problem_text(problem), f"{kind.value}: {where}") from error
-    if isinstance(found, RunParameters):
+    if isinstance(found, RunParameters | ApplyParameters):
         _check_paths(found.settings)
+    if isinstance(found, RunParameters):
+        check_stages(found.stages, found.only, found.within)
     return found
 
 

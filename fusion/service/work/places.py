@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.service.store import Upload
+from fusion.runtime.folders import make_folder
+from fusion.service.commands.fields import Mark
+from fusion.service.commands.json_options import Output
+from fusion.service.store import StoreError, StoreFault, Upload
 from fusion.workspace import SETTINGS_FILE
 from spcola.errors import InvalidValueError, WorkspaceError
 
@@ -55,20 +60,65 @@ class Places:
         InvalidValueError
             If one is not of this workspace, or not complete.
         """
-        return [self._file(workspace, identity) for identity in identities]
+        return [self.upload_file(workspace, identity) for identity in identities]
 
     def one_upload(self, workspace: str, identity: str | None) -> Path | None:
         """Return the file of an upload; None if none is named."""
-        return None if identity is None else self._file(workspace, identity)
+        return None if identity is None else self.upload_file(workspace, identity)
 
-    def _file(self, workspace: str, identity: str) -> Path:
-        record = self.upload(identity)
+    def upload_file(self, workspace: str, identity: str) -> Path:
+        """Return the file of an upload; raises as :meth:`uploads`."""
+        none = InvalidValueError(
+            "is no complete upload to this workspace", f"upload {identity[:64]!r}"
+        )
+        try:
+            record = self.upload(identity)
+        except StoreError as error:
+            if error.code is StoreFault.UNKNOWN_UPLOAD:
+                raise none from error
+            raise
         path = self.folder / STATE_FOLDER / "uploads" / record.id / "file" / Path(record.name).name
         if record.workspace != workspace or path.resolve() != path or not path.is_file():
-            raise InvalidValueError(
-                "is no complete upload to this workspace", f"upload {identity[:64]!r}"
-            )
+            raise none
         return path
+
+    def output(self, workspace: str, name: str) -> Path:
+        """Return what an earlier job has written for its user.
+
+        Raises
+        ------
+        InvalidValueError
+            If there is no such file, or a link leads to it.
+        """
+        path = self._outputs(workspace) / name
+        if path.resolve() != path or not path.is_file():
+            raise InvalidValueError("is no output of an earlier job", f"output {name[:64]!r}")
+        return path
+
+    @contextmanager
+    def desk(self, workspace: str, job: str, *, together: bool = True) -> Iterator[Desk]:
+        """Yield folders for the files of a job; what it has written is an output then.
+
+        Its files are linked into one folder if they have to lie `together`. An earlier output of
+        the same name is replaced. What a job wrote that fails is removed.
+        """
+        desk = Desk(
+            self,
+            workspace,
+            self.folder / STATE_FOLDER / "gathered" / job,
+            self._outputs(workspace) / f".{job}",
+            together,
+        )
+        try:
+            # A worker that was lost may have left some.
+            desk.clear()
+            yield desk
+            desk.keep()
+        finally:
+            desk.clear()
+
+    def _outputs(self, workspace: str) -> Path:
+        return outputs_folder(self.folder, workspace)
 
     def without_folder(self, text: str) -> str:
         """Return a text in which files are named from the folder of the service on."""
@@ -76,8 +126,103 @@ class Places:
 
     def without_folder_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`without_folder`."""
-        if isinstance(value, Mapping):
-            return {key: self.without_folder_in(part) for key, part in value.items()}
-        if isinstance(value, list | tuple):
-            return [self.without_folder_in(part) for part in value]
-        return self.without_folder(str(value)) if isinstance(value, str | Path) else value
+        return with_texts(value, self.without_folder)
+
+
+def output_files(folder: Path, workspace: str) -> dict[str, int]:
+    """Return the files that jobs in a workspace have written for their users, with their sizes."""
+    root = outputs_folder(folder, workspace)
+    found = (path for path in root.rglob("*") if path.is_file() and not path.is_symlink())
+    names = ((path.relative_to(root), path) for path in found)
+    return {
+        name.as_posix(): path.stat().st_size
+        for name, path in names
+        if not name.parts[0].startswith(".")
+    }
+
+
+def outputs_folder(folder: Path, workspace: str) -> Path:
+    """Return where jobs in a workspace write what is not a part of it."""
+    return folder / STATE_FOLDER / "outputs" / workspace
+
+
+@dataclass(frozen=True)
+class Desk:
+    """The files of one job: those that it reads together in one folder, and those that it writes.
+
+    Labels find pixels, meta-kernels kernels, and images their states by names in one folder.
+
+    Parameters
+    ----------
+    places : Places
+    workspace : str
+    read, written : Path
+        Folders of this job alone.
+    together : bool
+        Whether the files are linked into `read`.
+    """
+
+    places: Places
+    workspace: str
+    read: Path
+    written: Path
+    together: bool = True
+
+    def path_of(self, given: Any, mark: Mark | None) -> Path:
+        """Return the path of a file, a folder of files, or an output, as parameters name them.
+
+        Raises
+        ------
+        InvalidValueError
+            If there is no such upload or output, or two of one name.
+        """
+        if mark is Mark.OUTPUT:
+            make_folder(self.written)
+            return self.written / str(given)
+        if mark is Mark.FOLDER:
+            for one in given:
+                self.path_of(one, None)
+            return self.read
+        if isinstance(given, Output):
+            source = self.places.output(self.workspace, given.output)
+        else:
+            source = self.places.upload_file(self.workspace, given)
+        if not self.together:
+            return source
+        make_folder(self.read)
+        target = self.read / source.name
+        if not target.exists():
+            target.hardlink_to(source)
+        elif not target.samefile(source):
+            raise InvalidValueError("is the name of two files of the job", source.name)
+        return target
+
+    def keep(self) -> None:
+        """Make what was written outputs of the workspace."""
+        for path in sorted(self.written.iterdir()) if self.written.is_dir() else ():
+            target = self.written.parent / path.name
+            if target.is_dir() and not target.is_symlink():
+                shutil.rmtree(target)
+            path.replace(target)
+
+    def clear(self) -> None:
+        """Remove both folders."""
+        for folder in (self.read, self.written):
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def named(self, text: str) -> str:
+        """Return a text in which the files of the job have the names that users know."""
+        return text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
+
+    def named_in(self, value: Any) -> Any:
+        """Return a value in JSON types whose texts are as of :meth:`named`."""
+        return with_texts(value, self.named)
+
+
+def with_texts(value: Any, change: Callable[[str], str]) -> Any:
+    """Return a value in JSON types with all texts changed; paths become texts."""
+    if isinstance(value, Mapping):
+        return {key: with_texts(part, change) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [with_texts(part, change) for part in value]
+    return change(str(value)) if isinstance(value, str | Path) else value

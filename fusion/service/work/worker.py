@@ -144,7 +144,7 @@ class _Worker:
 
     def _result(self, job: Job, report: JobReport) -> dict[str, Any]:
         with self._executor(job) as executor:
-            result = perform_job(Assignment(job.request, self._places, executor, report))
+            result = perform_job(Assignment(job, self._places, executor, report))
         return json_value(self._places.without_folder_in(result))
 
     @contextmanager

@@ -1,8 +1,15 @@
 """Scale: estimated from pairs or shots, and applied to a solution."""
 
 from fusion.stages.scale.pairing import SampledPairs, sampled_pairs
-from fusion.stages.scale.rescaling import apply_scale
+from fusion.stages.scale.rescaling import AppliedScale, apply_scale
 from fusion.stages.scale.shots import scale_by_shots
 from fusion.stages.scale.stage import STAGE
 
-__all__ = ["STAGE", "SampledPairs", "apply_scale", "sampled_pairs", "scale_by_shots"]
+__all__ = [
+    "STAGE",
+    "AppliedScale",
+    "SampledPairs",
+    "apply_scale",
+    "sampled_pairs",
+    "scale_by_shots",
+]

@@ -13,8 +13,8 @@ from spcola.imagematching.frames.rendered import RenderedFrame
 
 # Least share of the frame in which both pictures overlap.
 _LEAST_OVERLAP = 0.4
-# The silhouette ends at this share of the brightness of bright ground above the sky: stray light
-# round a real body is fainter, though it may be above the shadow threshold.
+# The silhouette ends at this share of the brightness of bright ground above the sky: scattered
+# light round a real body is fainter, though it may be above the shadow threshold.
 _EDGE = 0.2
 _BRIGHT = 95.0
 # Sigma, in cells, of the smoothing before the offset is refined.

@@ -203,4 +203,4 @@ def test_commands_on_a_server(
     scan.write_text("x y z\n" + "".join(f"60.1 {k}.0 0.5\n" for k in range(-9, 9)))
     columns = ("--columns", "x=x [m],y=y [m],z=z [m]")
     made = called(*there, "import", "ball", scan, *columns)["scans"]
-    assert (made[0]["scan"], made[0]["file"]) == ("new", str(scan))
+    assert (made[0]["scan"], made[0]["file"]) == ("new", scan.name)

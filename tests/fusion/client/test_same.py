@@ -36,7 +36,6 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("solutions", ("ball",), {}),
     ("solution", ("ball", "imported"), {}),
     ("solution", ("ball", "nothing"), {}),
-    ("use_solution", ("ball", "imported"), {}),
     ("solutions_compared", ("ball", "imported", "imported"), {}),
     ("runs", ("ball",), {}),
     ("run", ("ball", "imported:mapolas"), {}),

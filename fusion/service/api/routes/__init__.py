@@ -3,6 +3,7 @@
 from fusion.service.api.routes import (
     admin,
     jobs,
+    outputs,
     page,
     process,
     results,
@@ -18,6 +19,7 @@ ROUTES = (
     uploads.routes,
     surfaces.routes,
     results.routes,
+    outputs.routes,
     admin.routes,
     page.routes,
 )

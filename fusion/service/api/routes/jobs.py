@@ -16,8 +16,10 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import stream
 from fusion.service.api.parameters import check_parameters
 from fusion.service.api.service import service_of
+from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind, JobRequest, JobState
 from fusion.service.store import Scope, UnknownJobError
+from fusion.service.work.parameters import EXAMPLES, PARAMETERS
 
 routes = Routes("/api/v1", "jobs")
 _MOST_EVENTS = 1000
@@ -42,7 +44,7 @@ class JobSubmission(BaseModel):
         extra="forbid",
         json_schema_extra={
             "examples": [
-                {"kind": "run", "parameters": {"stages": ["mapolas", "register"], "force": False}}
+                {"kind": kind.value, "parameters": dict(given)} for kind, given in EXAMPLES.items()
             ]
         },
     )
@@ -61,6 +63,29 @@ class ForecastRequest(BaseModel):
     )
 
     parameters: dict[str, Any] = Field(default_factory=dict, description="As of a run.")
+
+
+@routes.add("GET", "/job-kinds", KNOWN)
+def kinds(request: Request) -> Response:
+    """List the kinds of jobs: the command that does the same, JSON schema and example."""
+    found = [
+        {
+            "kind": kind,
+            "command": COMMANDS[kind].name if kind in COMMANDS else _OTHERS[kind],
+            "parameters": PARAMETERS[kind].model_json_schema(),
+            "example": EXAMPLES[kind],
+        }
+        for kind in JobKind
+    ]
+    return json_answer(request, {"kinds": found})
+
+
+_OTHERS = {
+    JobKind.RUN: "run",
+    JobKind.FORECAST: "run --forecast",
+    JobKind.SCALE_APPLY: "scale --apply",
+    JobKind.INIT: "init",
+}
 
 
 @routes.add("POST", "/workspaces/{workspace}/jobs", RUN, status_code=202)
@@ -192,7 +217,10 @@ def submitted(
 ) -> Response:
     """Submit a job of a kind, checked before; `asked` are further fields of its request."""
     service = service_of(request)
-    check_parameters(service, workspace, kind, parameters)
+    before = asked.get("after", ())
+    follows = any(service.store.job(one).request.workspace == workspace for one in before)
+    uploads = service.store.uploads
+    check_parameters(service, uploads, workspace, kind, parameters, follows=follows)
     user = caller_of(request).name
     job = service.store.submit(JobRequest(kind, workspace, user, parameters, **asked))
     answer = json_answer(request, job.as_json(), {"Location": f"/api/v1/jobs/{job.id}"})

@@ -10,22 +10,23 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from fusion.inspection import describe_solution
-from fusion.pipeline.solutions import use_solution
-from fusion.service.api.access import READ, RUN, Routes
+from fusion.service.api.access import READ, Routes, caller_of
 from fusion.service.api.answers import accepted, json_answer, tagged
+from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.service import opened_for, service_of
-from fusion.service.views.body import mesh_bytes, shape_mesh, vertex_layer
+from fusion.service.store import Scope
+from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
     provenance,
     run_list,
     run_record,
+    run_request,
     runs_compared,
     solution_tree,
     solutions_compared,
 )
 from fusion.service.views.results import epsilon_table, residuals, result_json
 from fusion.service.views.tables import TableFormat, read_table, table_names
-from fusion.workspace import IMPORTED
 
 routes = Routes("/api/v1/workspaces/{workspace}", "results")
 _BYTES = "application/octet-stream"
@@ -92,13 +93,6 @@ def one_solution(request: Request, workspace: str, name: str) -> Response:
         return json_answer(request, describe_solution(opened))
 
 
-@routes.add("POST", "/solutions/{name}/use", RUN)
-def use(request: Request, workspace: str, name: str) -> Response:
-    """Let all commands read a solution from now on, where none is named."""
-    with opened_for(request, workspace, IMPORTED) as opened:
-        return json_answer(request, {"in_use": use_solution(opened, name).solution})
-
-
 @routes.add("GET", "/solutions/{first}/diff/{second}", READ)
 def difference(request: Request, workspace: str, first: str, second: str) -> Response:
     """Return how the second solution differs from the first."""
@@ -115,17 +109,27 @@ def runs(request: Request, workspace: str) -> Response:
 
 @routes.add("GET", "/runs/{run}", READ)
 def one_run(request: Request, workspace: str, run: str) -> Response:
-    """Return a run with its settings, summary, and digests of inputs and outputs."""
+    """Return a run with its settings, summary, digests, and the job that reproduces it."""
     with opened_for(request, workspace) as opened:
-        return json_answer(request, run_record(opened, run))
+        content = {**run_record(opened, run), "request": run_request(opened, run)}
+    return json_answer(request, content)
 
 
 @routes.add("GET", "/runs/{first}/diff/{second}", READ)
-def run_difference(request: Request, workspace: str, first: str, second: str) -> Response:
-    """Return what differs between two runs."""
+def run_difference(
+    request: Request,
+    workspace: str,
+    first: str,
+    second: str,
+    other: Annotated[str, Query(max_length=64, description="Workspace of the second run.")] = "",
+) -> Response:
+    """Return what differs between two runs; the second may be that of another workspace."""
+    if other and not caller_of(request).may(Scope.READ, other):
+        raise RequestRefusedError(Refusal.FORBIDDEN, "may not be read", "other")
     with opened_for(request, workspace) as opened:
-        records = [run_record(opened, name) for name in (first, second)]
-    return json_answer(request, runs_compared(*records))
+        one = run_record(opened, first)
+    with opened_for(request, other or workspace) as opened:
+        return json_answer(request, runs_compared(one, run_record(opened, second)))
 
 
 @routes.add("GET", "/provenance", READ)
@@ -152,6 +156,13 @@ def shape(
     with opened_for(request, workspace, solution) as opened:
         body = mesh_bytes(shape_mesh(opened, facets, cache=cache))
     return tagged(request, body, _BYTES)
+
+
+@routes.add("GET", "/shape/layers", READ)
+def layers_of_shape(request: Request, workspace: str, solution: Solution = "") -> Response:
+    """List the layers on the shape, and of which kind of surface each one is taken."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, {"layers": shape_layers(opened)})
 
 
 @routes.add("GET", "/shape/layers/{layer}", READ, responses={200: {"content": {_BYTES: {}}}})

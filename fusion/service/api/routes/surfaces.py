@@ -15,6 +15,7 @@ from fusion.service.api.access import READ, Routes
 from fusion.service.api.answers import json_answer, matches, page_of
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.service import opened_for, service_of
+from fusion.service.views.outlines import same_place
 from fusion.service.views.surfaces import (
     Surface,
     SurfaceKind,
@@ -91,9 +92,19 @@ def surfaces(
 
 
 @routes.add("GET", _ONE, READ)
-def surface(request: Request, found: Found) -> Response:
-    """Return grid, layers, overview levels and ranges of values of a surface."""
-    return json_answer(request, found.describe())
+def surface(
+    request: Request,
+    found: Found,
+    workspace: str,
+    kind: SurfaceKind,
+    name: str,
+    solution: Solution = "",
+) -> Response:
+    """Return grid, layers, levels and ranges of a surface, and the others of the same place."""
+    with opened_for(request, workspace, solution) as opened:
+        others = same_place(opened, kind, name)
+    alike = [dict(zip(("kind", "name"), each, strict=True)) for each in others]
+    return json_answer(request, {**found.describe(), "same_place": alike})
 
 
 @routes.add("GET", f"{_ONE}/window", READ, responses=_BOTH)

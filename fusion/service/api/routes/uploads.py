@@ -55,7 +55,7 @@ class UploadRequest(BaseModel):
     name: str = Field(min_length=1, max_length=255, description="Cleaned of all odd characters.")
     size: int = Field(ge=0, le=1 << 50, description="Bytes.")
     sha256: str = Field(pattern="^[0-9a-fA-F]{64}$", description="Of the whole file.")
-    kind: Literal["scan", "image", "kernel", "spc", "shape"]
+    kind: Literal["scan", "image", "kernel", "spc", "shape", "camera", "table", "other"]
 
 
 @routes.add("POST", "", RUN, status_code=201)

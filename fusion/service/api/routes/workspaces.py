@@ -19,6 +19,8 @@ from fusion.service.api.service import opened_for, service_of
 from fusion.service.jobs import JobKind
 from fusion.service.store import Scope
 from fusion.service.views import ListKind, coverage, list_page, overview
+from fusion.service.views.outlines import outlines
+from fusion.service.views.surfaces import SurfaceKind
 
 routes = Routes("/api/v1/workspaces", "workspaces")
 
@@ -51,8 +53,11 @@ def workspaces(request: Request, after: After = "", limit: Limit = 100) -> Respo
 def make_workspace(request: Request, body: WorkspaceRequest) -> Response:
     """Make a workspace, by a job. With a shape or SPC files: upload them, and submit `init`."""
     service = service_of(request)
-    if service.is_single or body.name in service.names():
-        raise RequestRefusedError(Refusal.CONFLICT, "cannot be made here", body.name)
+    if service.is_single:
+        what, do = "the service has one workspace only", "serve the folder above it"
+        raise RequestRefusedError(Refusal.CONFLICT, what, body.name, do)
+    if body.name in service.names():
+        raise RequestRefusedError(Refusal.CONFLICT, "exists already", body.name)
     return submitted(request, body.name, JobKind.INIT, {"body": body.body}, {})
 
 
@@ -73,6 +78,15 @@ def workspace_coverage(
     """Return where maplets, mapolas, bigmaps, images and returns lie on the body."""
     with opened_for(request, workspace, solution) as opened:
         return json_answer(request, coverage(opened, step_deg=step_deg))
+
+
+@routes.add("GET", "/{workspace}/outlines", READ)
+def workspace_outlines(
+    request: Request, workspace: str, kind: SurfaceKind, solution: Solution = ""
+) -> Response:
+    """Return the squares that maplets, mapolas, fused maplets or bigmaps cover on the body."""
+    with opened_for(request, workspace, solution) as opened:
+        return json_answer(request, outlines(opened, kind))
 
 
 @routes.add("GET", "/{workspace}/files/{path:path}", READ)

@@ -89,6 +89,8 @@ def test_lists_hold_what_may_be_read(service: Service, guarded: AsgiClient) -> N
     found = guarded.get("/api/v1/workspaces", headers=mine).json()
     assert found == {"workspaces": [{"name": "other"}]}
     assert guarded.get("/api/v1/events?workspace=ball", headers=mine).status_code == 403
+    compared = "/api/v1/workspaces/other/runs/a/diff/b?other=ball"
+    assert guarded.get(compared, headers=mine).status_code == 403
     after = {"kind": "run", "after": [service.store.jobs(workspaces=["ball"])[0].id]}
     runs = bearer(service, Scope.RUN, "other")
     answer = guarded.post("/api/v1/workspaces/other/jobs", headers=runs, json=after)

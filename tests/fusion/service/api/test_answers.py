@@ -123,6 +123,13 @@ def test_surfaces_as_numbers_pictures_and_values(client: AsgiClient) -> None:
     assert client.get(f"{MAPLET}/profile?from=0&to=0,1").status_code == 422
     listed = client.get("/api/v1/workspaces/ball/surfaces").json()
     assert listed == {"surfaces": [{"kind": "maplet", "name": "AA0001"}]}
+    assert about["same_place"] == listed["surfaces"]
+    around = client.get("/api/v1/workspaces/ball/outlines?kind=maplet").json()
+    assert (around["name"], around["side_m"]) == (["AA0001"], pytest.approx([12.0]))
+    layers = client.get("/api/v1/workspaces/ball/shape/layers").json()["layers"]
+    assert {each["name"]: each["of"] for each in layers} == dict.fromkeys(
+        ("albedo", "sigma"), "maplet"
+    )
 
 
 def test_tables_have_the_form_that_is_accepted(client: AsgiClient) -> None:
@@ -201,3 +208,56 @@ def test_the_process_says_how_it_is(service: Service, client: AsgiClient) -> Non
     assert f'spcola_requests_total{{method="POST",{route},status="202"}} 1.0' in text
     Path(service.store._database.path).unlink()
     assert client.get("/ready").status_code == 503
+
+
+def test_outputs_of_jobs_are_listed_sent_and_removed(
+    service: Service, client: AsgiClient, tmp_path: Path
+) -> None:
+    folder = service.root / ".service" / "outputs" / "ball"
+    (folder / "kernels").mkdir(parents=True)
+    (folder / "kernels" / "a.tf").write_text("frame")
+    (folder / "nac.toml").write_text("camera")
+    (folder / ".00000001-ab").mkdir()
+    (folder / ".00000001-ab" / "unfinished").write_text("x")
+    (folder / "link").symlink_to(tmp_path)
+    where = "/api/v1/workspaces/ball/outputs"
+    assert client.get(where).json()["outputs"] == [
+        {"name": "kernels/a.tf", "bytes": 5},
+        {"name": "nac.toml", "bytes": 6},
+    ]
+    page = client.get(f"{where}?limit=1")
+    assert [one["name"] for one in page.json()["outputs"]] == ["kernels/a.tf"]
+    assert 'after=kernels%2Fa.tf>; rel="next"' in page.headers["link"]
+    part = client.get(f"{where}/kernels/a.tf", headers={"Range": "bytes=1-2"})
+    assert (part.status_code, part.text) == (206, "ra")
+    for name in (".00000001-ab/unfinished", "none", "kernels"):
+        assert client.get(f"{where}/{name}").status_code == 404
+    assert client.get(f"{where.replace('ball', 'other')}/nac.toml").status_code == 404
+    for name in ("kernels", "nac.toml", "link"):
+        assert client.delete(f"{where}/{name}").status_code == 204
+    assert client.delete(f"{where}/nac.toml").status_code == 404
+    assert tmp_path.is_dir()
+    assert client.get(where).json()["outputs"] == []
+
+
+def test_a_job_that_cannot_begin_is_refused_with_what_there_is(client: AsgiClient) -> None:
+    where = "/api/v1/workspaces/ball/jobs"
+
+    def refused(kind: str, after: str = "", **parameters: object) -> dict:
+        asked = {"kind": kind, "parameters": parameters, "after": [after] if after else []}
+        answer = client.post(where, json=asked)
+        assert answer.status_code == 422, answer.text
+        return answer.json()
+
+    assert "mapolas" in refused("run", stages=["maplas"])["do"]
+    assert "gsd_m" in refused("run", settings={"mapolas": {"gsd": 1.0}})["do"]
+    assert "imported" in refused("run", solution="none")["do"]
+    assert refused("images")["where"] == "uploads"
+    assert "complete upload" in refused("import", uploads=["none"])["detail"]
+    assert refused("camera-convert", uploads=["none"], out="a/b")["code"] == "invalid-value"
+    first = client.post(where, json={"kind": "scale-apply", "parameters": {"name": "s1"}}).json()
+    later = {"kind": "run", "parameters": {"solution": "s1"}, "after": [first["id"]]}
+    assert client.post(where, json=later).status_code == 202
+    kinds = {one["kind"]: one for one in client.get("/api/v1/job-kinds").json()["kinds"]}
+    assert kinds["kernels"]["command"] == "kernels"
+    assert kinds["kernels"]["parameters"]["properties"]["max_gap_s"]["maximum"] == 1e7

@@ -12,7 +12,8 @@ from asgi_client import AsgiClient
 from fusion.service.api import Service, create_app
 from fusion.service.api.access import PUBLIC, Routes
 from fusion.service.api.errors import CODES, Refusal
-from fusion.service.api.problems import TABLE, status_and_code
+from fusion.service.api.problems import status_and_code
+from fusion.service.faults import FAULTS
 from fusion.service.store import StoreError, StoreFault
 from spcola.errors import SpcolaError, WorkspaceError
 
@@ -26,8 +27,8 @@ def errors_below(kind: type[SpcolaError]) -> Iterator[type[SpcolaError]]:
 def test_every_error_and_every_code_has_a_status() -> None:
     assert CODES.keys() == {*Refusal, *StoreFault}
     for kind in errors_below(SpcolaError):
-        assert any(base in TABLE for base in kind.__mro__), kind
-    assert {status.value for status, _ in TABLE.values()} <= {404, 409, 422}
+        assert any(base in FAULTS for base in kind.__mro__), kind
+    assert {fault.status.value for fault in FAULTS.values()} <= {409, 422, 503}
     full = OSError(errno.ENOSPC, "full")
     wrapped = WorkspaceError("cannot be written")
     wrapped.__cause__ = full

@@ -7,15 +7,15 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
-from command_line import ROOT, called, refused
+from command_line import called, refused
 from damage import files_in
+from serving import serving
 
 PART = b"0123456789" * 40
 
@@ -30,20 +30,8 @@ def folder(ball: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def served(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A running service, and its URL."""
-    command = [sys.executable, "-m", "fusion.cli", "serve", str(folder), "--port", "0", "--json"]
-    # The log is in a file as well; a pipe that nobody reads would stop the server.
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
-    )
-    assert process.stdout is not None
-    printed = ""
-    while not printed.endswith("}\n"):
-        line = process.stdout.readline()
-        assert line, process.communicate()
-        printed += line
-    yield process, json.loads(printed)["url"]
-    process.kill()
-    process.communicate()
+    with serving(folder) as found:
+        yield found
 
 
 def test_a_run_through_the_service_equals_the_command(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from asgi_client import AsgiClient
 from hypothesis import HealthCheck, Phase, given, settings
 
 from fusion.service.api.access import rules_of
+from fusion.service.jobs import JobKind
 
 schemathesis = pytest.importorskip("schemathesis")
 EXAMPLES = 3
@@ -28,6 +31,15 @@ def test_the_description_is_whole(client: AsgiClient) -> None:
     assert bodies
     for name in bodies:
         assert described["components"]["schemas"][name]["examples"], name
+
+
+def test_the_reference_has_every_route_and_every_kind(client: AsgiClient) -> None:
+    docs = Path(__file__).parents[4] / "docs" / "reference"
+    described, kinds = ((docs / name).read_text() for name in ("http.md", "jobs.md"))
+    for method, path in rules_of(client.app):
+        assert f"`{method} {path.replace(':path', '')}`" in described
+    for kind in JobKind:
+        assert f"| `{kind.value}` |" in kinds
 
 
 def test_no_input_of_the_described_kinds_fails(client: AsgiClient) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from fusion.fusing.maplets import read_fused
 from fusion.pipeline import Pipeline
+from fusion.service.views.outlines import same_place
 from fusion.service.views.surfaces import (
     LayerCache,
     SurfaceKind,
@@ -47,6 +48,8 @@ def test_each_kind_has_its_names_and_layers(workspace) -> None:
         described = surface.describe()
         assert described["gsd_m"] == pytest.approx(0.5)
         assert [each["name"] for each in described["layers"]] == list(surface.layers)
+    alike = same_place(workspace, SurfaceKind.BIGMAP, "SITE:spc")
+    assert alike == [("bigmap", "SITE:fused"), ("bigmap", "SITE:spc"), ("dtm", "SITE")]
     with pytest.raises(WorkspaceError, match="there is no maplet"):
         open_surface(workspace, SurfaceKind.MAPLET, "../MAPFILES/AA0001")
     with pytest.raises(InvalidValueError, match="has no layer 'count'"):

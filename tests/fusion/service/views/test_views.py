@@ -14,7 +14,7 @@ import pytest
 from fusion.inspection import describe_workspace
 from fusion.pipeline import Pipeline
 from fusion.service.views import ListKind, coverage, list_page, overview, workspace_etag
-from fusion.service.views.body import mesh_bytes, shape_mesh, vertex_layer
+from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
     provenance,
     run_list,
@@ -22,8 +22,10 @@ from fusion.service.views.history import (
     runs_compared,
     solution_tree,
 )
+from fusion.service.views.outlines import outlines
 from fusion.service.views.overview import density_of
 from fusion.service.views.results import epsilon_table, residuals
+from fusion.service.views.surfaces import SurfaceKind, open_surface
 from fusion.service.views.tables import TableFormat, read_table, table_names
 from fusion.stages.release import STAGE
 from spcola.errors import InvalidValueError, WorkspaceError
@@ -124,6 +126,24 @@ def test_the_body_and_its_layers(workspace) -> None:
     assert np.isnan(sigma[(away > 9.0).all(axis=1)]).all()
     difference = vertex_layer(workspace, "difference")
     np.testing.assert_allclose(difference[(away < 4.0).any(axis=1)], 0.2, atol=2e-3)
+    there = {each["name"]: (each["of"], each["surfaces"]) for each in shape_layers(workspace)}
+    assert there == {"albedo": ("maplet", 3)} | dict.fromkeys(
+        ("difference", "sigma", "count", "source"), ("fused", 3)
+    )
+
+
+def test_outlines_are_the_squares_of_the_grids(workspace) -> None:
+    found = outlines(workspace, SurfaceKind.FUSED)
+    for name, center, axes, side in zip(
+        *(found[key] for key in ("name", "center_m", "axes", "side_m")), strict=True
+    ):
+        grid = open_surface(workspace, SurfaceKind.FUSED, name).grid
+        corner = center - side / 2 * (axes[0] + axes[1])
+        np.testing.assert_allclose(corner, grid.points(np.zeros(grid.shape))[0, 0], atol=1e-4)
+    assert outlines(workspace, SurfaceKind.BIGMAP)["name"] == ["SITE:fused"]
+    assert outlines(workspace, SurfaceKind.MAPOLA)["center_m"].shape == (0, 3)
+    with pytest.raises(InvalidValueError, match="no outlines of the kind 'pair'"):
+        outlines(workspace, SurfaceKind.PAIR)
 
 
 def test_residuals_point_where_they_do_and_rejected_ones_are_marked(workspace) -> None:

@@ -178,7 +178,7 @@ def test_an_upload_that_takes_too_long_is_named(service: Service) -> None:
 @pytest.mark.parametrize(
     ("parameters", "code", "text"),
     [
-        ({"stages": ["none"]}, "workspace", "there is no stage 'none'; use ingest, mapolas"),
+        ({"stages": ["none"]}, "invalid-value", "there is no stage 'none'; use ingest, mapolas"),
         ({"stagse": []}, "invalid-value", "run: stagse"),
         ({"only": ["AA0001"]}, "invalid-value", "names items of one stage"),
         ({"settings": {"mapolas": {"gsd_m": -1}}}, "settings", "gsd_m"),
@@ -250,3 +250,22 @@ def test_a_whole_run_is_that_of_the_command_to_the_bit(service: Service, tmp_pat
         one["state"] for one in printed["stages"]
     ]
     assert files_in(tmp_path / "ball") == files_in(service.workspace)
+    findings = json.loads((tmp_path / "ball" / "scale.json").read_text())["findings"]
+    codes = [one["code"] for one in findings]
+    applied = service.submit(JobKind.SCALE_APPLY, name="s1", accept=codes)
+    truth = service.upload("truth.json", (mission / "truth.json").read_bytes())
+    assessed = service.submit(JobKind.TRUTH_ASSESS, truth=truth, report="truth.html", patches=5)
+    service.work()
+    accept = [part for code in codes for part in ("--accept", code)]
+    printed = called("scale", tmp_path / "ball", "--apply", "--as", "s1", *accept)
+    done = service.store.job(applied.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert done.result["applied"]["epsilon"] == printed["applied"]["epsilon"]
+    for name in ("MAPFILES", "SUMFILES"):
+        made = [root / "solutions" / "s1" / name for root in (tmp_path / "ball", service.workspace)]
+        assert files_in(made[0]) == files_in(made[1])
+    printed = called("truth", "assess", tmp_path / "ball", "--truth", mission, "--patches", 5)
+    done = service.store.job(assessed.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert json.loads(json.dumps(done.result))["models"] == printed["models"]
+    assert (service.folder / ".service" / "outputs" / "ball" / "truth.html").is_file()

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
 
-from fusion.cli.options import each_between
-from fusion.cli.state_options import CameraOption, GivenStates, LetterOption
+from fusion.service.commands.fields import Mark, each_between
+from fusion.service.commands.state_options import CameraOption, GivenStates, LetterOption
 
 if TYPE_CHECKING:
     from fusion.stages.images import Recipe, StateChoice
@@ -139,18 +139,27 @@ class PixelOptions:
         from fusion.stages.images import Recipe, Turn
         from spcola.formats.solution.any_camera import read_one_instrument
 
-        if self.bits not in (None, 8, 16):
-            raise typer.BadParameter("is 8 or 16", param_hint="--bits")
-        if self.high is not None and self.bright_background:
-            raise typer.BadParameter("finds what --high gives", param_hint="--bright-background")
-        if self.low is not None and self.high is not None and self.low >= self.high:
-            raise typer.BadParameter("must be below --high", param_hint="--low")
+        self.check()
         bits: Any = self.bits
         stated = None if camera is None else read_one_instrument(camera)[0].smear
         return Recipe(
             self.dark, self.flat, self.dark_scale, bits, Turn(self.orientation),
             self.smear.times(stated), self.low, self.high, self.bright_background,
         )  # fmt: skip
+
+    def check(self) -> None:
+        """Refuse options that contradict each other.
+
+        Raises
+        ------
+        typer.BadParameter
+        """
+        if self.bits not in (None, 8, 16):
+            raise typer.BadParameter("is 8 or 16", param_hint="--bits")
+        if self.high is not None and self.bright_background:
+            raise typer.BadParameter("finds what --high gives", param_hint="--bright-background")
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise typer.BadParameter("must be below --high", param_hint="--low")
 
 
 @dataclass(frozen=True)
@@ -204,6 +213,7 @@ class ImageStateOptions:
             metavar="DIR", help="Folder of the COLMAP model, or of the ISD files if they are not "
             "next to the images.",
         ),
+        Mark.FOLDER,
     ] = None  # fmt: skip
     model_unit: Annotated[Literal["km", "m"], typer.Option(help="Unit of the COLMAP model.")] = "km"
     first_pixel: Annotated[

@@ -1,4 +1,4 @@
-"""``spcola truth assess``."""
+"""What ``spcola truth assess`` does."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.options import JsonOption, WorkersOption, WorkspaceArgument
-from fusion.cli.output import show
+from fusion.service.commands.fields import Mark
+from fusion.service.commands.site import Done, Site
 
 if TYPE_CHECKING:
     from fusion.runtime import Executor, Progress
     from fusion.truth.assessment import AssessmentSettings, Model, Planted
     from fusion.workspace import Workspace
 
+__all__ = ["AssessOptions", "assess_models"]
 _Shown = tuple[dict[str, Any], list[str]]
 
 
@@ -74,7 +75,7 @@ class ModelOptions:
 
 @dataclass(frozen=True)
 class SampleOptions:
-    """How much of a model is compared, and by how many threads."""
+    """How much of a model is compared."""
 
     patches: Annotated[
         int,
@@ -88,43 +89,45 @@ class SampleOptions:
             metavar="N", min=1, max=100_000_000, help="Most vertices of a model in its 3D rms."
         ),
     ] = 40_000
-    workers: WorkersOption = None
 
 
-def assess(
-    workspace: WorkspaceArgument,
+@dataclass(frozen=True)
+class AssessOptions:
+    """Options of ``spcola truth assess``."""
+
     truth: Annotated[
         Path,
         typer.Option(metavar="DIR", help="The synthetic mission (the folder of its truth.json)."),
-    ],
-    chosen: ModelOptions = ModelOptions(),
-    sample: SampleOptions = SampleOptions(),
+    ]
+    chosen: ModelOptions = ModelOptions()
+    sample: SampleOptions = SampleOptions()
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="Write a page of figures to this file.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Compare models with the truth of a synthetic mission.
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Write a page of figures to this file."),
+        Mark.OUTPUT,
+    ] = None
 
-    Prints 3D rms and optimised 3D rms, height errors by region, slopes, resolution, calibration of
-    the stated sigmas, FormU, and recovered against planted parameters.
-    """
-    # Imported here and not above, so that --help is fast.
-    from fusion.runtime import Progress, ThreadExecutor
+    def check(self) -> None:
+        """Refuse options that contradict each other; raises typer.BadParameter."""
+        self.chosen.check()
+
+
+def assess_models(site: Site, given: AssessOptions) -> Done:
+    """Compare models with the truth of a synthetic mission."""
     from fusion.truth import read_truth
     from fusion.truth.assessment import AssessmentSettings, file_model, workspace_models
-    from fusion.workspace import IMPORTED, Workspace
+    from fusion.workspace import IMPORTED
 
-    chosen.check()
-    name = IMPORTED if chosen.versions else chosen.solution
-    there, planted = Workspace.open(workspace, name), read_truth(truth)
+    given.check()
+    chosen, report = given.chosen, given.report
+    there = site.open(IMPORTED if chosen.versions else chosen.solution)
+    planted = read_truth(given.truth)
     settings = AssessmentSettings(
-        patches=sample.patches,
-        vertices=sample.vertices,
+        patches=given.sample.patches,
+        vertices=given.sample.vertices,
         dark_share=planted.settings.solution.darkness.dark,
     )
-    progress = Progress.fitting(silent=as_json)
-    work = _Work(planted, there, settings, ThreadExecutor(sample.workers), progress)
+    work = _Work(planted, there, settings, site.executor, site.progress)
     if chosen.versions:
         content, lines = work.of_versions(report)
     else:
@@ -135,7 +138,7 @@ def assess(
         content, lines = work.of_models(models, report)
     if report is not None:
         lines.append(f"report: {report.resolve()}")
-    show(content, lines, as_json=as_json)
+    return Done(content, lines)
 
 
 @dataclass(frozen=True)

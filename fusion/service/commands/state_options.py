@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import typer
 
-from fusion.cli.options import NAIF_NUMBERS, each_between, named_columns
+from fusion.service.commands.fields import NAIF_NUMBERS, Mark, each_between, named_columns
 
 if TYPE_CHECKING:
     from fusion.stages.states import FoundStates, NominalOptions, SourceOptions
@@ -133,6 +133,7 @@ class PoseOptions:
             metavar="NAME=COLUMN",
             help="The table's column of such a name, as in 'scx_m=X [m]'; repeat it.",
         ),
+        Mark.COLUMNS,
     ] = None
     pck: Annotated[
         Path | None,

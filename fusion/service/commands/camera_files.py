@@ -1,4 +1,4 @@
-"""``spcola camera convert``."""
+"""What ``spcola camera convert`` does."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.options import NAIF_NUMBERS, JsonOption, each_between
-from fusion.cli.output import show
+from fusion.service.commands.fields import NAIF_NUMBERS, Mark, each_between
+from fusion.service.commands.site import Done, Site
+from fusion.service.commands.states import check_kernels
 from spcola.errors import SettingsError
 
 if TYPE_CHECKING:
     from spcola.camera.instrument import Instrument
 
+__all__ = ["ConvertOptions", "convert_cameras"]
 _ISD = (".isd", ".json")
 
 
@@ -153,7 +155,10 @@ class MomentOptions:
         return then, {one.name: [why.value for why in shot.assumed] for one, shot in pairs}
 
 
-def convert(
+@dataclass(frozen=True)
+class ConvertOptions:
+    """Options of ``spcola camera convert``."""
+
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -161,33 +166,32 @@ def convert(
             help="Instrument kernels and addenda in their order of loading (with --number); or "
             "one ISD (.isd, .json), COLMAP model (cameras.bin) or camera file (.toml).",
         ),
-    ],
+    ]
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="FILE", help="Camera file to write (TOML).")
-    ],
-    source: SourceOptions = SourceOptions(),
+        Path,
+        typer.Option("-o", "--out", metavar="FILE", help="Camera file to write (TOML)."),
+        Mark.OUTPUT,
+    ]
+    source: SourceOptions = SourceOptions()
     name: Annotated[
         str, typer.Option(metavar="NAME", help="Name of the camera, if there is only one.")
-    ] = "",
-    moment: MomentOptions = MomentOptions(),
-    as_json: JsonOption = False,
-) -> None:
-    """Write cameras of other formats as a camera file.
+    ] = ""
+    moment: MomentOptions = MomentOptions()
 
-    The pixel convention becomes that of SPC: the centre of the first pixel is (1, 1). With
-    --temperature, --range or --motor the camera is written as it is then, without its laws; what is
-    not known stays nominal, which is printed.
-    """
-    # Imported here and not above, so that --help is fast.
+
+def convert_cameras(site: Site, given: ConvertOptions) -> Done:
+    """Write cameras of other formats as a camera file."""
     from spcola.formats.cameras import write_cameras
 
-    found = source.read(files)
-    if name:
-        found = [_renamed(found, name)]
-    found, assumed = moment.at(found)
+    files, out = given.files, given.out
+    check_kernels(site, [path for path in files if path.suffix.lower() == ".tm"])
+    found = given.source.read(files)
+    if given.name:
+        found = [_renamed(found, given.name)]
+    found, assumed = given.moment.at(found)
     write_cameras(out, found, remarks=[f"from {', '.join(path.name for path in files)}"])
     content = {"cameras": [_content(one, assumed.get(one.name, [])) for one in found]}
-    show(content | {"out": str(out)}, [*_lines(content["cameras"]), str(out)], as_json=as_json)
+    return Done(content | {"out": str(out)}, [*_lines(content["cameras"]), str(out)])
 
 
 def _renamed(found: list[Instrument], name: str) -> Instrument:

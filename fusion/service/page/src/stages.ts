@@ -1,0 +1,30 @@
+// The stages of a workspace in the order in which they run, and words for states.
+import { element } from "./dom";
+
+const ORDER = ["ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report"];
+
+const TONES: Record<string, string> = {
+  "up to date": "good",
+  accepted: "good",
+  finished: "good",
+  running: "busy",
+  waiting: "quiet",
+  failed: "bad",
+  rejected: "bad",
+  cancelled: "quiet",
+  note: "quiet",
+  "in use": "busy",
+  complete: "good",
+  open: "busy",
+};
+
+/** Return names of stages in the order in which they run; unknown ones at the end. */
+export function inOrder(names: string[]): string[] {
+  const place = (name: string): number => (ORDER.indexOf(name) + ORDER.length + 1) % (ORDER.length + 1);
+  return [...names].sort((a, b) => place(a) - place(b));
+}
+
+/** Return a state as a word with its tone; the word alone says all. */
+export function state(word: string): HTMLElement {
+  return element("span", { class: `state ${TONES[word] ?? "warn"}` }, word);
+}

@@ -1,0 +1,43 @@
+// Light, dark, or as the system has it.
+import { element } from "./dom";
+
+const KEY = "spcola-theme";
+const CHOICES = { system: "System", light: "Light", dark: "Dark" };
+
+/** Set the theme that the user has chosen; drawings that depend on it listen to "themechange". */
+export function applyTheme(): void {
+  const chosen = localStorage.getItem(KEY) ?? "system";
+  if (chosen === "system") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = chosen;
+  window.dispatchEvent(new Event("themechange"));
+}
+
+/** Return the choice of a theme. */
+export function themeSwitch(): HTMLElement {
+  const chosen = localStorage.getItem(KEY) ?? "system";
+  const select = element(
+    "select",
+    {
+      "aria-label": "Theme",
+      onchange: () => {
+        localStorage.setItem(KEY, select.value);
+        applyTheme();
+      },
+    },
+    ...Object.entries(CHOICES).map(([key, title]) =>
+      element("option", { value: key, selected: key === chosen }, title),
+    ),
+  );
+  return select;
+}
+
+/** Return the value of a CSS variable, such as "--text", for drawings on a canvas. */
+export function themed(name: string): string {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+/** Call `draw` whenever the colours change, until the signal aborts. */
+export function onTheme(draw: () => void, signal: AbortSignal): void {
+  window.addEventListener("themechange", draw, { signal });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw, { signal });
+}

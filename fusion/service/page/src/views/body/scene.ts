@@ -1,0 +1,242 @@
+// The body as it is drawn: only when something has changed.
+import {
+  BufferAttribute, BufferGeometry, DataTexture, FloatType, GLSL3, Group, LineSegments, Mesh, NearestFilter,
+  NoColorSpace, OrthographicCamera, RGBAFormat, Scene, ShaderMaterial, Vector2, Vector3, WebGLRenderTarget,
+  WebGLRenderer,
+} from "three";
+import type { Rgb } from "../../colormaps";
+import { setCamera, towards, type Look } from "./camera";
+import type { BodyMesh } from "./mesh";
+import { linesOf, type Outline } from "./outlines";
+import { FRAGMENT, NOTHING, PICK_FRAGMENT, VERTEX } from "./shaders";
+
+// Above this time for a frame the coarse mesh is turned instead, with fewer pixels.
+const SLOW_MS = 40;
+const SETTLED_MS = 180;
+const ROUGH = 0.5;
+
+/** How a layer is drawn. */
+export interface Painted {
+  table: Rgb[];
+  range: [number, number];
+  /** Values are codes, which are not mixed. */
+  codes: boolean;
+  shading: number;
+}
+
+/** What lies under a point of the picture. */
+export interface Picked {
+  point: Vector3;
+  /** NaN where unknown, or without a layer. */
+  value: number;
+}
+
+/** Return whether this browser can draw in three dimensions. */
+export function canDraw(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return context !== null;
+}
+
+export class BodyScene {
+  readonly camera = new OrthographicCamera();
+  private readonly scene = new Scene();
+  private readonly world = new Group();
+  private readonly renderer: WebGLRenderer;
+  private readonly geometry = new BufferGeometry();
+  private readonly material: ShaderMaterial;
+  private readonly picking: ShaderMaterial;
+  private readonly surface: Mesh;
+  private readonly target = new WebGLRenderTarget(1, 1, { type: FloatType, format: RGBAFormat });
+  private readonly full: BufferAttribute;
+  private readonly coarse: BufferAttribute;
+  private readonly lines = new Map<string, LineSegments>();
+  /** Milliseconds that a frame of the whole mesh takes; NaN before the second one. */
+  cost = Number.NaN;
+  private drawn = 0;
+  /** Drawn with fewer facets and pixels, as while turning on a slow machine. */
+  private rough = false;
+  private look: Look = { longitude: 0, latitude: 0, width: 1 };
+  private light: Vector3 | null = null;
+  private asked = 0;
+  private settling = 0;
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    readonly mesh: BodyMesh,
+  ) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.renderer.setClearColor(0, 0);
+    this.full = new BufferAttribute(mesh.faces, 1);
+    this.coarse = new BufferAttribute(mesh.coarse, 1);
+    this.geometry.setAttribute("position", new BufferAttribute(mesh.positions, 3));
+    this.geometry.setAttribute("normal", new BufferAttribute(mesh.normals, 4, true));
+    this.setValues(null);
+    this.geometry.setIndex(this.full);
+    const uniforms = {
+      table: { value: tableTexture([[128, 128, 128]]) },
+      range: { value: new Vector2(0, 1) },
+      light: { value: new Vector3(0, 0, 1) },
+      plain: { value: [0.72, 0.71, 0.69] },
+      hatch: { value: [0.5, 0.5, 0.5] },
+      shading: { value: 1 },
+      kind: { value: 0 },
+    };
+    const shared = { glslVersion: GLSL3, vertexShader: VERTEX, uniforms } as const;
+    this.material = new ShaderMaterial({ ...shared, fragmentShader: FRAGMENT });
+    this.picking = new ShaderMaterial({ ...shared, fragmentShader: PICK_FRAGMENT });
+    this.surface = new Mesh(this.geometry, this.material);
+    this.surface.position.set(...mesh.center);
+    this.surface.frustumCulled = false;
+    this.world.add(this.surface);
+    this.scene.add(this.world);
+  }
+
+  /** Look from elsewhere; while this goes on a slow machine draws fewer facets. */
+  turn(look: Look): void {
+    this.look = look;
+    this.rough = this.cost > SLOW_MS;
+    if (this.rough) this.geometry.setIndex(this.coarse);
+    clearTimeout(this.settling);
+    this.settling = window.setTimeout(() => {
+      this.rough = false;
+      this.geometry.setIndex(this.full);
+      this.draw();
+    }, SETTLED_MS);
+    this.draw();
+  }
+
+  /** Set where the light comes from, in the body's frame; null: from the upper left of the view. */
+  shine(place: [number, number] | null): void {
+    this.light = place && towards(...place);
+    this.draw();
+  }
+
+  /** Set the values of vertices, NaN where unknown; null: no layer. */
+  setValues(values: Float32Array | null): void {
+    const count = this.mesh.positions.length / 3;
+    const given = values ?? new Float32Array(1);
+    const known = values ? given.map((value) => (Number.isNaN(value) ? NOTHING : value)) : new Float32Array(count);
+    this.geometry.setAttribute("value", new BufferAttribute(known, 1));
+  }
+
+  /** Set the colours; null: none, shaded grey. */
+  paint(painted: Painted | null): void {
+    const { uniforms } = this.material;
+    uniforms.kind!.value = painted ? (painted.codes ? 2 : 1) : 0;
+    uniforms.shading!.value = painted?.shading ?? 1;
+    if (painted) {
+      (uniforms.table!.value as DataTexture).dispose();
+      uniforms.table!.value = tableTexture(painted.table);
+      (uniforms.range!.value as Vector2).set(...painted.range);
+    }
+    this.draw();
+  }
+
+  /** Show or hide the outlines of a kind. */
+  outline(kind: string, squares: Outline[], ink: [number, number, number]): void {
+    const before = this.lines.get(kind);
+    if (before) {
+      this.world.remove(before);
+      before.geometry.dispose();
+      (before.material as ShaderMaterial).dispose();
+      this.lines.delete(kind);
+    }
+    if (squares.length) {
+      const lines = linesOf(squares, this.mesh, ink);
+      this.lines.set(kind, lines);
+      this.world.add(lines);
+    }
+    this.draw();
+  }
+
+  /** Draw with the next frame of the screen. */
+  draw(): void {
+    if (!this.asked) this.asked = requestAnimationFrame(() => this.frame());
+  }
+
+  /** Return what lies under CSS pixels of the canvas; null beside the body. */
+  pick(x: number, y: number): Picked | null {
+    const { clientWidth, clientHeight } = this.canvas;
+    this.camera.setViewOffset(clientWidth, clientHeight, x, y, 1, 1);
+    this.surface.material = this.picking;
+    for (const each of this.lines.values()) each.visible = false;
+    this.renderer.setRenderTarget(this.target);
+    this.renderer.clear();
+    this.renderer.render(this.scene, this.camera);
+    const found = new Float32Array(4);
+    this.renderer.readRenderTargetPixels(this.target, 0, 0, 1, 1, found);
+    this.renderer.setRenderTarget(null);
+    this.surface.material = this.material;
+    for (const each of this.lines.values()) each.visible = true;
+    this.camera.clearViewOffset();
+    const [value, known, depth, hit] = found as unknown as [number, number, number, number];
+    if (hit < 0.5) return null;
+    const across = (2 * x) / clientWidth - 1;
+    const up = 1 - (2 * y) / clientHeight;
+    const point = new Vector3(across, up, 2 * depth - 1).unproject(this.camera);
+    return { point, value: known > 0.5 && this.material.uniforms.kind!.value ? value : Number.NaN };
+  }
+
+  /** Return the direction of the camera from the body. */
+  get eye(): Vector3 {
+    return towards(this.look.longitude, this.look.latitude);
+  }
+
+  /** Free what the graphics processor holds. */
+  close(): void {
+    cancelAnimationFrame(this.asked);
+    clearTimeout(this.settling);
+    this.geometry.dispose();
+    this.material.dispose();
+    this.picking.dispose();
+    this.target.dispose();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+  }
+
+  private frame(): void {
+    this.asked = 0;
+    this.fit();
+    setCamera(this.camera, this.look, this.canvas.clientWidth / this.canvas.clientHeight, this.mesh.radius);
+    this.shineAndFace();
+    const begin = performance.now();
+    this.renderer.render(this.scene, this.camera);
+    // The first frame hands the mesh over, too; the second one is measured.
+    if (this.drawn < 2 && ++this.drawn === 2) {
+      const gl = this.renderer.getContext();
+      // Waits until the picture is there.
+      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+      this.cost = performance.now() - begin;
+    } else if (this.drawn === 1) this.draw();
+  }
+
+  private fit(): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    const ratio = Math.min(2, devicePixelRatio) * (this.rough ? ROUGH : 1);
+    const size = this.renderer.getSize(new Vector2());
+    if (size.x === clientWidth && size.y === clientHeight && this.renderer.getPixelRatio() === ratio) return;
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(clientWidth, clientHeight, false);
+  }
+
+  private shineAndFace(): void {
+    const fixed = this.light;
+    const light = this.material.uniforms.light!.value as Vector3;
+    // 45° high, from the upper left, as in the maps.
+    if (fixed) light.copy(fixed);
+    else light.set(-0.5, 0.5, Math.SQRT1_2).applyQuaternion(this.camera.quaternion);
+    for (const each of this.lines.values()) {
+      ((each.material as ShaderMaterial).uniforms.eye!.value as Vector3).copy(this.eye);
+    }
+  }
+}
+
+function tableTexture(table: Rgb[]): DataTexture {
+  const bytes = new Uint8Array(4 * 256);
+  for (let k = 0; k < 256; k++) bytes.set([...(table[Math.min(k, table.length - 1)] ?? [0, 0, 0]), 255], 4 * k);
+  const texture = new DataTexture(bytes, 256, 1, RGBAFormat);
+  Object.assign(texture, { minFilter: NearestFilter, magFilter: NearestFilter, colorSpace: NoColorSpace });
+  texture.needsUpdate = true;
+  return texture;
+}

@@ -1,0 +1,36 @@
+// All views by their names. Those with large libraries load when they are opened.
+import type { View } from "../router";
+import { jobs } from "./jobs/index";
+import { overview } from "./overview/index";
+import { products } from "./products";
+import { runs } from "./runs";
+import { solutions } from "./solutions";
+import { workspaces } from "./workspaces";
+
+const here = (view: View) => () => Promise.resolve(view);
+
+export const VIEWS: Record<string, () => Promise<View>> = {
+  workspaces: here(workspaces),
+  overview: here(overview),
+  body: async () => (await import("./body")).body,
+  map: async () => (await import("./map")).map,
+  registration: async () => (await import("./registration")).registration,
+  scale: async () => (await import("./scale")).scale,
+  solutions: here(solutions),
+  jobs: here(jobs),
+  products: here(products),
+  runs: here(runs),
+};
+
+/** What the navigation of a workspace shows, in its order. */
+export const NAVIGATION: [view: string, title: string][] = [
+  ["overview", "Overview"],
+  ["body", "Body"],
+  ["map", "Maps"],
+  ["registration", "Registration"],
+  ["scale", "Scale"],
+  ["solutions", "Solutions"],
+  ["jobs", "Jobs"],
+  ["products", "Products"],
+  ["runs", "Runs"],
+];

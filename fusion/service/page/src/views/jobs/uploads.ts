@@ -1,0 +1,134 @@
+// Files from this computer to the workspace: sent in parts, then imported by a job.
+import { getJson, pathOf, send } from "../../api";
+import { element, fill } from "../../dom";
+import { bytes, moment } from "../../format";
+import { hrefOf, type Route } from "../../router";
+import { state } from "../../stages";
+import { table } from "../../table";
+import { sendFile, type Upload } from "./sending";
+import { newKey, problem } from "./submission";
+import type { Job } from "./values";
+
+const KINDS: Record<string, string> = {
+  scan: "Lidar scans",
+  image: "Images",
+  kernel: "Kernels, poses and camera files",
+  spc: "SPC files (maplets, SUMFILES, …)",
+  shape: "Shape model",
+};
+/** The kinds that a job brings into the workspace at once, and that job. */
+const IMPORTS: Record<string, { kind: string; title: string }> = {
+  scan: { kind: "import", title: "Import the scans" },
+  image: { kind: "images", title: "Import the images" },
+  spc: { kind: "init", title: "Add the SPC files" },
+};
+
+/** Show the uploads of a workspace, and send further files. */
+export async function showUploads(root: HTMLElement, route: Route, signal: AbortSignal): Promise<void> {
+  const { workspace } = route;
+  const kind = element("select", { id: "kind" }, ...Object.entries(KINDS).map(([name, title]) => element("option", { value: name }, title)));
+  const files = element("input", { id: "files", type: "file", multiple: true, required: true });
+  const steps = element("ul", { class: "steps", "aria-live": "off" });
+  const place = element("section", { "aria-labelledby": "there" });
+  const answer = element("div", { role: "status" });
+  const button = element("button", { type: "submit", class: "main" }, "Send");
+  fill(
+    root,
+    element("p", {}, element("a", { href: hrefOf(workspace, "jobs") }, "All jobs")),
+    element("h1", {}, "Uploads"),
+    element(
+      "form",
+      { class: "row", onsubmit: (event: Event) => void start(event) },
+      element("label", { for: "kind" }, "What"),
+      kind,
+      element("label", { for: "files" }, "Files"),
+      files,
+      button,
+    ),
+    element("p", { class: "quiet" }, "A transfer that broke off goes on where it was when the same file is chosen again."),
+    steps,
+    answer,
+    place,
+  );
+  await refresh();
+
+  async function start(event: Event): Promise<void> {
+    event.preventDefault();
+    button.disabled = true;
+    for (const file of files.files ?? []) await sendOne(file, kind.value);
+    button.disabled = false;
+    files.value = "";
+    if (!signal.aborted) await refresh();
+  }
+
+  async function sendOne(file: File, of: string): Promise<void> {
+    const bar = element("progress", { max: 1, value: 0, "aria-label": `Transfer of ${file.name}` });
+    const what = element("span", { class: "quiet" });
+    const line = element("li", {}, `${file.name}, ${bytes(file.size)} `, bar, " ", what);
+    steps.append(line);
+    try {
+      await sendFile(workspace, file, of, signal, (step, share) => {
+        bar.value = share;
+        what.textContent = `${step} ${Math.round(share * 100)} %`;
+      });
+      what.textContent = "complete";
+    } catch (error) {
+      if (!signal.aborted) fill(line, `${file.name} `, problem(error));
+    }
+  }
+
+  async function refresh(): Promise<void> {
+    const { uploads } = await getJson<{ uploads: Upload[] }>(pathOf(workspace, "uploads"), { signal });
+    fill(
+      place,
+      element("h2", { id: "there" }, "Arrived"),
+      uploads.length ? listed(uploads) : element("p", { class: "quiet" }, "No uploads wait."),
+      element(
+        "div",
+        { class: "row" },
+        ...Object.entries(IMPORTS).map(([of, { kind: job, title }]) => {
+          const ready = uploads.filter((one) => one.kind === of && one.state === "complete");
+          return ready.length > 0 && element("button", { type: "button", class: "main", onclick: () => void bring(job, ready) }, `${title} (${ready.length})`);
+        }),
+      ),
+    );
+  }
+
+  function listed(uploads: Upload[]): HTMLElement {
+    return table<Upload>(
+      "Uploads",
+      [
+        { title: "File", by: (one) => one.name, cell: (one) => one.name },
+        { title: "What", by: (one) => one.kind, cell: (one) => KINDS[one.kind] ?? one.kind },
+        { title: "Arrived", number: true, by: (one) => one.offset, cell: (one) => `${bytes(one.offset)} of ${bytes(one.size)}` },
+        { title: "State", cell: (one) => state(one.state) },
+        { title: "Begun", by: (one) => one.created, cell: (one) => element("span", { class: "number" }, moment(one.created)) },
+        { title: "User", cell: (one) => one.user },
+        {
+          title: "Remove",
+          cell: (one) => element("button", { type: "button", class: "small", "aria-label": `Remove ${one.name}`, onclick: () => void remove(one) }, "Remove"),
+        },
+      ],
+      uploads,
+    );
+  }
+
+  async function remove(upload: Upload): Promise<void> {
+    try {
+      await send("DELETE", pathOf(workspace, "uploads", upload.id), undefined, { signal });
+      await refresh();
+    } catch (error) {
+      if (!signal.aborted) fill(answer, problem(error));
+    }
+  }
+
+  async function bring(job: string, ready: Upload[]): Promise<void> {
+    try {
+      const body = { kind: job, parameters: { uploads: ready.map((one) => one.id) } };
+      const made = await send<Job>("POST", pathOf(workspace, "jobs"), body, { signal, headers: { "Idempotency-Key": newKey() } });
+      location.hash = hrefOf(workspace, "jobs", [made.id]);
+    } catch (error) {
+      if (!signal.aborted) fill(answer, problem(error));
+    }
+  }
+}

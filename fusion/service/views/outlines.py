@@ -1,0 +1,92 @@
+"""Where surfaces lie on the body, to be drawn around and clicked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.service.views.surfaces import SurfaceKind, surface_names
+from fusion.service.views.surfaces.opening import BIGMAP_FOLDERS
+from fusion.workspace import Workspace, visible_files
+from spcola.errors import InvalidValueError
+from spcola.formats.maplets import MapParts
+
+__all__ = ["OUTLINED", "outlines", "same_place"]
+
+
+def outlines(workspace: Workspace, kind: SurfaceKind) -> dict[str, Any]:
+    """Return the squares that the surfaces of one `kind` cover.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    kind : SurfaceKind
+        One of :data:`OUTLINED`.
+
+    Returns
+    -------
+    dict
+        The columns `name` (as surfaces are named), `center_m` (N, 3), `axes` (N, 3, 3: Ux, down,
+        Uy, right, and Uz), `side_m` and `gsd_m`. Mapolas are in the frame of the lidar.
+
+    Raises
+    ------
+    InvalidValueError
+        If there are no outlines of this kind.
+    SpcolaError
+        If a file is damaged.
+    """
+    if kind not in OUTLINED:
+        do = f"there are: {', '.join(OUTLINED)}"
+        raise InvalidValueError(f"there are no outlines of the kind {kind.value!r}", do=do)
+    known = [(name, MapParts.open(path).grid) for name, path in OUTLINED[kind](workspace)]
+    return {
+        "kind": kind.value,
+        "name": [name for name, _ in known],
+        "center_m": np.array([grid.center for _, grid in known]).reshape(-1, 3),
+        "axes": np.array([grid.axes for _, grid in known]).reshape(-1, 3, 3),
+        "side_m": [(grid.size - 1) * grid.gsd for _, grid in known],
+        "gsd_m": [grid.gsd for _, grid in known],
+    }
+
+
+def same_place(workspace: Workspace, kind: SurfaceKind, name: str) -> list[tuple[str, str]]:
+    """Return kind and name of all surfaces of the same maplet, site or image, itself included.
+
+    These are what is compared: of SPC, of the lidar, of both. Each has a frame of its own.
+    """
+    place = name.rpartition(":")[0] or name
+    if kind is SurfaceKind.PAIR:
+        kinds: tuple[SurfaceKind, ...] = (kind,)
+    else:
+        kinds = tuple(each for each in SurfaceKind if each is not SurfaceKind.PAIR)
+    return [
+        (each.value, other)
+        for each in kinds
+        for other in surface_names(workspace, each)
+        if (other.rpartition(":")[0] or other) == place
+    ]
+
+
+def _maplets(workspace: Workspace) -> Iterable[tuple[str, Path]]:
+    names = surface_names(workspace, SurfaceKind.MAPLET)
+    return [(name, workspace.maplet_path(name)) for name in names]
+
+
+def _in_folder(folder: str, part: str = "") -> Callable[[Workspace], Iterable[tuple[str, Path]]]:
+    """Return what lists the .MAP files of a folder, each with the name of its surface."""
+    return lambda workspace: sorted(
+        (f"{path.stem}{part}", path) for path in visible_files(workspace.home / folder, ".MAP")
+    )
+
+
+OUTLINED: Mapping[SurfaceKind, Callable[[Workspace], Iterable[tuple[str, Path]]]] = {
+    SurfaceKind.MAPLET: _maplets,
+    SurfaceKind.MAPOLA: _in_folder("mapolas"),
+    SurfaceKind.FUSED: _in_folder("fused"),
+    SurfaceKind.BIGMAP: _in_folder(BIGMAP_FOLDERS["fused"], ":fused"),
+}
+"""Kinds of surfaces with outlines, and what lists their names and files."""
