@@ -37,9 +37,11 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("solution", ("ball", "imported"), {}),
     ("solution", ("ball", "nothing"), {}),
     ("solutions_compared", ("ball", "imported", "imported"), {}),
+    ("outputs", ("ball",), {}),
     ("runs", ("ball",), {}),
     ("run", ("ball", "imported:mapolas"), {}),
     ("runs_compared", ("ball", "imported:mapolas", "imported:mapolas"), {}),
+    ("runs_compared", ("ball", "imported:mapolas", "imported:mapolas"), {"other": "nothing"}),
     ("provenance", ("ball", "mapolas/AA0001.MAP"), {}),
     ("tables", ("ball",), {}),
     ("table", ("ball", "registration-mapolas"), {}),
@@ -58,7 +60,10 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("value", (*ONE, 0.5, -0.25), {}),
     ("value", (*ONE, 1e6, 0.0), {}),
     ("profile", (*ONE, (0.0, 0.0), (3.0, 2.0)), {"layers": ("height", "sigma")}),
+    ("outlines", ("ball", "maplet"), {}),
+    ("outlines", ("ball", "nothing"), {}),
     ("shape", ("ball",), {}),
+    ("shape_layers", ("ball",), {}),
     ("shape_layer", ("ball", "sigma"), {}),
 ]
 
