@@ -17,6 +17,8 @@ from fusion.service.store import StoreError, StoreFault, Upload
 from fusion.workspace import SETTINGS_FILE
 from spcola.errors import InvalidValueError, WorkspaceError
 
+__all__ = ["STATE_FOLDER", "Desk", "Places", "output_files", "outputs_folder"]
+
 STATE_FOLDER = ".service"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -212,7 +214,9 @@ class Desk:
 
     def named(self, text: str) -> str:
         """Return a text in which the files of the job have the names that users know."""
-        return text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
+        text = text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
+        uploads = re.escape(str(self.places.folder / STATE_FOLDER / "uploads"))
+        return re.sub(rf"{uploads}/[A-Za-z0-9_-]+/file/", "", text)
 
     def named_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`named`."""
