@@ -238,7 +238,7 @@ def _init(session: Session, workspace: str, given: Given) -> Printed:
         workspace,
         body=given["body"],
         shape=given["shape"],
-        spc=_spc_files(given["spc"]),
+        spc=given["spc"] or (),
         shape_unit=given["unit"],
         faces_from=given["faces_from"],
         progress=not given["as_json"],
@@ -249,21 +249,6 @@ def _init(session: Session, workspace: str, given: Given) -> Printed:
         f"{content['landmarks']} landmarks, {content['images']} images, "
         f"shape: {content['shape'] or 'none'}"
     ]
-
-
-def _spc_files(source: Path | None) -> list[Path]:
-    """Return the files of an SPC working folder that have a place in a workspace."""
-    from fusion.service.work.begin import spc_place
-
-    found = []
-    for path in sorted(source.rglob("*")) if source is not None else ():
-        try:
-            spc_place(path.name)
-        except SpcolaError:
-            continue
-        if path.is_file():
-            found.append(path)
-    return found
 
 
 def _solutions(session: Session, workspace: str, _: Given) -> Printed:

@@ -17,6 +17,7 @@ from fusion.client.steps import Compute, LostConnectionError, Pause, Steps, call
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.upload_file import clean_name
 from fusion.service.jobs import Job, JobKind, JobRequest
+from fusion.service.work import sent_files
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 
 _PART = 1 << 24
@@ -125,7 +126,7 @@ class Moving:
         *,
         body: str = "body",
         shape: str | Path | None = None,
-        spc: Sequence[str | Path] = (),
+        spc: str | Path | Sequence[str | Path] = (),
         shape_unit: str = "km",
         faces_from: int = 1,
         progress: bool = True,
@@ -139,12 +140,16 @@ class Moving:
         body : str
         shape : str or Path, optional
             A shape model (ICQ, OBJ or PLY), with `shape_unit` and `faces_from`.
-        spc : sequence of str or Path
-            SPC files; each is put where its name belongs.
+        spc : str, Path or sequence of them
+            An SPC working folder, whose shape is taken if `shape` is not given; or SPC files. Each
+            is put where its name belongs.
         shape_unit, faces_from : str, int
         progress : bool
         """
         given: dict[str, Any] = {"body": body}
+        if isinstance(spc, str | Path):
+            spc, own = sent_files(Path(spc))
+            shape = own if shape is None else shape
         given["uploads"] = yield from self._all_uploaded(workspace, spc, "spc", progress=progress)
         if shape is not None:
             given |= {"shape_unit": shape_unit, "faces_from": faces_from}

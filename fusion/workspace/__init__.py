@@ -1,6 +1,6 @@
 """A workspace: the folder that holds an SPC solution, lidar scans and their results."""
 
-from fusion.workspace.initialise import new_workspace
+from fusion.workspace.initialise import new_workspace, spc_files
 from fusion.workspace.listing import visible_files
 from fusion.workspace.solution_records.record import IMPORTED
 from fusion.workspace.workspace import (
@@ -19,5 +19,6 @@ __all__ = [
     "SPC_LISTS",
     "Workspace",
     "new_workspace",
+    "spc_files",
     "visible_files",
 ]

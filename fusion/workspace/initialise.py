@@ -23,6 +23,7 @@ def new_workspace(
     shape: Path | None = None,
     shape_unit: Literal["km", "m"] = "km",
     faces_from: Literal[1, 0] = 1,
+    exported: Path | None = None,
 ) -> Workspace:
     """Make `root` a workspace; existing files are unchanged.
 
@@ -32,14 +33,16 @@ def new_workspace(
         Name of the body.
     spc : Path, optional
         An SPC working folder. Its files are linked (a new solution there is then used here), or
-        copied if the file system has no links. If it is `root`, nothing is done. If a workspace
-        exported it, the body constants in its ``solution.json`` are taken.
+        copied if the file system has no links. If it is `root`, nothing is done.
     shape : Path, optional
         A shape model; it is read once as a check, and copied.
     shape_unit : {"km", "m"}
         Of an OBJ or PLY shape.
     faces_from : {1, 0}
         The number by which the faces of an OBJ name its first vertex.
+    exported : Path, optional
+        Where the ``solution.json`` of an exported solution is, whose body constants are taken; by
+        default `spc`, if there is one.
 
     Raises
     ------
@@ -61,7 +64,7 @@ def new_workspace(
     }
     plain = BodySettings().model_dump()
     given = {key: value for key, value in given.items() if value != plain[key]}
-    settings = _exported(spc).with_table("body", **given)
+    settings = _exported(exported or spc).with_table("body", **given)
     if shape is not None:
         read_shape(shape, unit=shape_unit, faces_from=faces_from)
     linked = [] if spc is None or _same(spc, root) else spc_files(spc)
@@ -105,11 +108,11 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
     return inside
 
 
-def _exported(spc: Path | None) -> Settings:
+def _exported(folder: Path | None) -> Settings:
     """Return the default settings with the constants of an exported solution."""
-    if spc is None or not (spc / SOLUTION_FILE).is_file():
+    if folder is None or not (folder / SOLUTION_FILE).is_file():
         return Settings()
-    return Settings().with_tables(read_record(spc).constants, spc / SOLUTION_FILE)
+    return Settings().with_tables(read_record(folder).constants, folder / SOLUTION_FILE)
 
 
 def _link(source: Path, target: Path) -> None:

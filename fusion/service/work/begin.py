@@ -12,22 +12,13 @@ from typing import Any
 from fusion.inspection import describe_workspace
 from fusion.runtime import Executor, Progress
 from fusion.service.work.parameters import InitParameters
-from fusion.workspace import SETTINGS_FILE, SPC_LISTS, Workspace, new_workspace
+from fusion.service.work.spc_folder import EXPORT_RECORD, spc_place
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from spcola.atomic import replacing
 from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.maplets import read_maplet
 from spcola.formats.solution import read_landmark, read_summary
 
-__all__ = ["begin_workspace", "spc_place"]
-
-_FOLDERS: Mapping[str, str] = {
-    ".MAP": "MAPFILES",
-    ".SIG": "MAPFILES",
-    ".LMK": "LMKFILES",
-    ".SUM": "SUMFILES",
-    ".NOM": "NOMINALS",
-    ".DAT": "IMAGEFILES",
-}
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     ".MAP": read_maplet,
     ".LMK": read_landmark,
@@ -60,10 +51,12 @@ def begin_workspace(
     WorkspaceError
         If another file is there already.
     """
-    places = {path: spc_place(path.name) for path in files}
+    records = [path for path in files if path.name == EXPORT_RECORD]
+    places = {path: spc_place(path.name) for path in files if path not in records}
     if (root / SETTINGS_FILE).is_file():
-        if shape is not None:
-            raise InvalidValueError("exists: a shape is given when it is made", "workspace")
+        if shape is not None or records:
+            what = f"exists: a shape and a {EXPORT_RECORD} are given when it is made"
+            raise InvalidValueError(what, "workspace")
         made = Workspace.open(root)
     else:
         made = new_workspace(
@@ -72,29 +65,12 @@ def begin_workspace(
             shape=shape,
             shape_unit=given.shape_unit,
             faces_from=given.faces_from,
+            exported=records[0].parent if records else None,
         )
     with progress.task("files", len(places)) as task:
         for _ in executor.stream(_Placing(root, places), list(places)):
             task.advance()
     return describe_workspace(made)
-
-
-def spc_place(name: str) -> str:
-    """Return where an SPC file of this name lies in a workspace.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is the name of no SPC file.
-    """
-    if name in SPC_LISTS:
-        return name
-    stem, dot, suffix = name.rpartition(".")
-    folder = _FOLDERS.get(f".{suffix}") if stem and dot else None
-    if folder is None:
-        known = ", ".join((*_FOLDERS, *SPC_LISTS))
-        raise InvalidValueError("is not the name of an SPC file", name, f"known are {known}")
-    return f"{folder}/{name}"
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,10 @@ from fusion.client.steps import Send, run
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.jobs import JobState
 from fusion.service.store import StoreError, UnknownJobError
+from fusion.workspace import Workspace
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
+from spcola.formats.shapes import write_icq
+from spcola.shape.icq import IcqShape, icq_directions
 
 CONTENT = bytes(range(256)) * 400
 
@@ -212,6 +215,21 @@ def test_commands_on_a_server(
     exported = tmp_path / "exported"
     called(*there, "solution", "export", "ball", "imported", exported)
     assert len(list((exported / "MAPFILES").iterdir())) == MAPLETS
+    # Shape and body constants of an SPC folder travel with its maplets.
+    for name in ("SHAPEFILES", "NOMINALS"):
+        (exported / name).mkdir(exist_ok=True)
+    write_icq(exported / "SHAPEFILES" / "SHAPE.TXT", IcqShape(60.0 * icq_directions(8)))
+    (exported / "NOMINALS" / "A.BIN").write_bytes(b"no SPC file")
+    assert "A.BIN: is not the name of an SPC file" in refused(
+        *there, "init", "away", "--spc", exported
+    )
+    (exported / "NOMINALS" / "A.BIN").unlink()
+    here = called("init", "here", "--spc", exported)
+    away = called(*there, "init", "away", "--spc", exported)
+    assert away["shape"] == here["shape"] != ""
+    assert away["maplets"] == MAPLETS
+    body = [Workspace.open(missions / name).settings().body for name in ("here", "away")]
+    assert body[1] == body[0].model_copy(update={"shape": "SHAPE.TXT"})
     jobs = [one for one in called(*there, "job", "list", "ball")["jobs"] if one["kind"] != "run"]
     jobs = [one for one in jobs if one["kind"] != "solution-export"]
     assert jobs[0]["kind"] == "forecast"
