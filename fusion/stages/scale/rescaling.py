@@ -18,8 +18,8 @@ from fusion.pipeline.solutions import (
 )
 from fusion.runtime import Progress, json_value
 from fusion.workspace import Workspace
-from fusion.workspace.solution_records import SolutionRecord
 from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.solution_records import SolutionRecord
 from spcola.control import (
     scaled,
 )
