@@ -18,6 +18,7 @@ from fusion.cli import (
     demo,
     folder,
     images,
+    jobs,
     look,
     serve,
     solution,
@@ -26,7 +27,7 @@ from fusion.cli import (
     truth,
 )
 from fusion.cli.options import PanelCommand, with_shared_options
-from fusion.cli.program import guarded
+from fusion.cli.program import choose_server, guarded
 
 app = typer.Typer(
     name="spcola",
@@ -62,6 +63,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
         "spcola sumfiles bennu images.csv --frame ORX_OCAMS_MAPCAM --camera map.toml",
     ),
     ("kernels", states.kernels, "spcola kernels bennu kernels --pck bennu.tpc"),
+    ("download", jobs.download, "spcola --server http://localhost:8080 download bennu"),
     ("demo", demo.demo, "spcola demo /tmp/demo"),
 )
 
@@ -73,6 +75,7 @@ app.add_typer(solution.app)
 app.add_typer(truth.app)
 app.add_typer(camera.app)
 app.add_typer(serve.app)
+app.add_typer(jobs.app)
 
 
 def _print_version(wanted: bool) -> None:
@@ -83,14 +86,23 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001  typer calls its callback
         bool,
         typer.Option(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
         ),
     ] = False,
+    server: Annotated[
+        str,
+        typer.Option(
+            metavar="URL",
+            help="Give the command to the server of spcola serve at this address; WS is then the "
+            "name of a workspace there. The variable SPCOLA_TOKEN has the token, if one is needed.",
+        ),
+    ] = "",
 ) -> None:
     """Fuses laser altimetry with stereophotoclinometry."""
+    choose_server(server)
 
 
 def main() -> None:

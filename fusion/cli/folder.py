@@ -112,10 +112,10 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
     # No forecast for a workspace whose stages refuse it.
     known = content["stages"]
     forecasts = {} if content["problems"] else stage_forecasts(opened, settings, states=known)
-    if forecasts:
-        lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(forecasts))]
     details = forecasts["mapolas"].details if forecasts else {}
     content |= {"mapolas_forecast": dict(details), "forecast": forecast_json(forecasts)}
+    if forecasts:
+        lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(content["forecast"]))]
     kept = {"content": content, "lines": lines, "home": opened.home}
     remembered.keep(before, kept, outside_files(opened, settings))
     return content, lines

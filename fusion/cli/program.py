@@ -16,6 +16,13 @@ from spcola.errors import SpcolaError
 FAILED = 1
 DEBUG_VARIABLE = "SPCOLA_DEBUG"
 Options = ParamSpec("Options")
+_chosen = {"server": ""}
+_INTERRUPTED = "interrupted: what is finished is kept; give the command again to continue"
+
+
+def choose_server(url: str) -> None:
+    """Let the command that follows be done on the server at `url`; here if it is empty."""
+    _chosen["server"] = url
 
 
 def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
@@ -28,11 +35,16 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
     def guard(*args: Options.args, **kwargs: Options.kwargs) -> None:
         try:
             with remembering_interrupts():
-                command(*args, **kwargs)
+                if _chosen["server"]:
+                    from fusion.cli.remote import do_remotely
+
+                    do_remotely(_chosen["server"], command, kwargs)
+                else:
+                    command(*args, **kwargs)
         except (typer.Exit, typer.BadParameter, BrokenPipeError):
             raise
         except KeyboardInterrupt as error:
-            _print("interrupted: what is finished is kept; give the command again to continue")
+            _print(str(error) or _INTERRUPTED)
             raise typer.Exit(INTERRUPTED) from error
         except Exception as error:
             _print(_line_of(error), error)

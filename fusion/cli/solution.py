@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -37,41 +37,38 @@ def list_(workspace: WorkspaceArgument, as_json: JsonOption = False) -> None:
     from fusion.workspace.solution_records import name_in_use
 
     opened, in_use = _opened(workspace, IMPORTED), name_in_use(workspace)
-    found, depth, lines = solutions_of(opened), {"": -1}, []
-    for one in found.records:
-        depth[one.name] = depth.get(one.parent, -1) + 1
-        mark = "*" if one.name == in_use else " "
-        about = ", ".join(part for part in (one.made_by, one.made) if part)
-        lines.append(f"{mark} {'  ' * depth[one.name]}{one.name} ({about})")
+    found = solutions_of(opened)
     damaged = [str(error) for error in found.damaged]
-    if in_use not in depth and not damaged:
-        damaged = [f"{in_use!r}, which is in use, is not there; choose one: spcola solution use"]
     content = {
         "in_use": in_use,
         "solutions": [one.as_json() for one in found.records],
         "damaged": damaged,
     }
+    show(*listed(content), as_json=as_json)
+
+
+def listed(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return what ``solution list`` prints: its JSON, in which a lost solution is damaged."""
+    depth, lines, in_use = {"": -1}, [], content["in_use"]
+    for one in content["solutions"]:
+        depth[one["name"]] = depth.get(one["parent"], -1) + 1
+        mark = "*" if one["name"] == in_use else " "
+        about = ", ".join(part for part in (one["made_by"], one["made"]) if part)
+        lines.append(f"{mark} {'  ' * depth[one['name']]}{one['name']} ({about})")
+    damaged = list(content["damaged"])
+    if in_use not in depth and not damaged:
+        damaged = [f"{in_use!r}, which is in use, is not there; choose one: spcola solution use"]
     lines += ["* in use", *(f"damaged: {each}" for each in damaged)]
-    show(content, lines, as_json=as_json)
+    return {**content, "damaged": damaged}, lines
 
 
 def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
     """Show what a solution was made from, by what and when, and what it holds."""
     from fusion.cli.output import value_lines
-    from fusion.workspace.solution_records import read_solution
+    from fusion.inspection import describe_solution
 
     opened = _opened(workspace, name)
-    record = read_solution(opened.root, opened.solution)
-    # Its constants are checked.
-    opened.settings()
-    content = {
-        **record.as_json(),
-        "folder": opened.home,
-        "maplets": len(opened.maplet_names()),
-        "landmarks": len(opened.landmark_names()),
-        "images": len(opened.image_names()),
-        "line_scans": len(opened.line_scan_names()),
-    }
+    content = {**describe_solution(opened), "folder": opened.home}
     show(content, value_lines(content), as_json=as_json)
 
 
@@ -101,7 +98,8 @@ def diff(
     target = None if out is None else picture_path(workspace, out)
     one, two = _opened(workspace, first), _opened(workspace, second)
     found = solution_difference(one, two)
-    lines, content = difference_lines(found), {**found.as_json(), "picture": target}
+    content = {**found.as_json(), "picture": target}
+    lines = difference_lines(content)
     if target is not None:
         save_picture(difference_picture(found), target)
         lines.append(str(target))

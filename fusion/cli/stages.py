@@ -217,8 +217,9 @@ def _forecast(pipeline: Pipeline, options: RunOptions) -> None:
         if value:
             raise typer.BadParameter(f"does not know {name}", param_hint="--forecast")
     found = stage_forecasts(pipeline.workspace, pipeline.settings, workers=options.workers)
-    content = {"workspace": str(pipeline.workspace.root), "forecast": forecast_json(found)}
-    show(content, forecast_lines(found), as_json=options.as_json)
+    forecasts = forecast_json(found)
+    content = {"workspace": str(pipeline.workspace.root), "forecast": forecasts}
+    show(content, forecast_lines(forecasts), as_json=options.as_json)
 
 
 def _run(workspace: Path, options: RunOptions, *stages: str, **changed: Any) -> None:

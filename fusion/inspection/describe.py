@@ -23,6 +23,7 @@ from fusion.stages.ingest import duplicate_scans, readable_scans, scan_facts, sp
 from fusion.stages.line_scans import NOT_USED
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
+from fusion.workspace.solution_records import read_solution
 from lidar.formats import open_lidar
 from lidar.formats.clouds import read_las_system
 from lidar.formats.native import scan_summary
@@ -79,6 +80,27 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "import_memory_per_worker_mb": per_worker / 1e6,
         "import_memory_mb": (PROGRAM_BYTES + usable_cores() * per_worker) / 1e6,
         **found,
+    }
+
+
+def describe_solution(workspace: Workspace) -> dict[str, Any]:
+    """Return what the solution of a `workspace` was made from, and what it contains.
+
+    Raises
+    ------
+    SpcolaError
+        If its record or its constants are damaged.
+    """
+    record = read_solution(workspace.root, workspace.solution)
+    # Its constants are checked.
+    workspace.settings()
+    return {
+        **record.as_json(),
+        "folder": str(workspace.home.relative_to(workspace.root)),
+        "maplets": len(workspace.maplet_names()),
+        "landmarks": len(workspace.landmark_names()),
+        "images": len(workspace.image_names()),
+        "line_scans": len(workspace.line_scan_names()),
     }
 
 

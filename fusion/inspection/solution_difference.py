@@ -147,9 +147,14 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
     )  # fmt: skip
 
 
-def difference_lines(found: SolutionDifference) -> list[str]:
-    """Return what people read of the difference `found` of two solutions."""
-    content = found.as_json()
+def difference_lines(content: Mapping[str, Any]) -> list[str]:
+    """Return what people read of the difference of two solutions.
+
+    Parameters
+    ----------
+    content : mapping
+        :meth:`SolutionDifference.as_json`, or that read from JSON.
+    """
 
     def row(text: str, key: str, unit: str) -> str:
         values = content[key]
@@ -158,30 +163,32 @@ def difference_lines(found: SolutionDifference) -> list[str]:
         numbers = ", ".join(f"{values[f'p{p}']:.3g}" for p in _PERCENT)
         return f"  {text} (median, 95 %, largest): {numbers} {unit}"
 
-    left_out = len(found.maplets) - content["heights_compared"]
+    first, second, cameras = content["first"], content["second"], content["cameras_changed_px"]
+    left_out = content["maplets"] - content["heights_compared"]
     others = f" (not of {left_out} with other grids)" if left_out else ""
+    changed = cameras is not None and cameras["p100"] != 0.0
     lines = [
-        f"{found.second} less {found.first}: {len(found.maplets)} maplets, {len(found.images)} "
-        "images in both",
+        f"{second} less {first}: {content['maplets']} maplets, {content['images']} images in both",
         row("centres moved", "centers_moved_m", "m"),
         row("  along their normals", "centers_outward_m", "m"),
         row("  beyond a common similarity", "centers_left_over_m", "m"),
         row(f"heights within a maplet{others}", "heights_changed_m", "m"),
         row("spacecraft moved", "positions_moved_m", "m"),
         row("pointing turned", "pointing_turned_deg", "°"),
-        *([row("cameras changed", "cameras_changed_px", "px")] if found.cameras.any() else []),
+        *([row("cameras changed", "cameras_changed_px", "px")] if changed else []),
     ]
-    if found.common is not None:
+    if content["common_scale"] is not None:
         turn = ", ".join(f"{value:.3g}" for value in content["common_rotation_deg"])
         shift = ", ".join(f"{value:.3g}" for value in content["common_shift_m"])
         lines.append(
-            f"  all centres together: scale − 1 {1e6 * (found.common.scale - 1.0):.4g} · 10⁻⁶, "
-            f"rotation {turn} °, shift {shift} m"
+            f"  all centres together: scale − 1 {1e6 * (content['common_scale'] - 1.0):.4g} · "
+            f"10⁻⁶, rotation {turn} °, shift {shift} m"
         )
-    if np.isfinite(found.radius_ratio):
-        lines.append(f"  mean radius of the shape: times {found.radius_ratio:.7f}")
-    lines += [f"  {key}: {old} → {new}" for key, (old, new) in found.settings.items()]
-    for name, only in ((found.first, found.only_first), (found.second, found.only_second)):
+    ratio = content["shape_radius_ratio"]
+    if ratio is not None and np.isfinite(ratio):
+        lines.append(f"  mean radius of the shape: times {ratio:.7f}")
+    lines += [f"  {key}: {old} → {new}" for key, (old, new) in content["constants"].items()]
+    for name, only in ((first, content["only_first"]), (second, content["only_second"])):
         lines += [f"  only in {name}: {', '.join(only)}"] if only else []
     return lines
 

@@ -35,6 +35,8 @@ class Task:
         self.done = 0
         self.kept = 0  # of these, results that nobody computes again
         self.remaining: RemainingTime | None = None
+        # What another process, which does the work, states.
+        self.stated_s = math.nan
         self.begun = time.monotonic()
         self._show = show
 
@@ -61,7 +63,7 @@ class Task:
 
     def time_text(self) -> str:
         """Return the time since the task began, and what it still takes if that is known."""
-        seconds = math.nan if self.remaining is None else self.remaining.seconds
+        seconds = self.stated_s if self.remaining is None else self.remaining.seconds
         left = "" if math.isnan(seconds) else f", about {_duration(seconds)} left"
         return f"{self.elapsed:.0f} s{left}"
 

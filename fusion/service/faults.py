@@ -19,7 +19,7 @@ from spcola.errors import (
     WorkspaceError,
 )
 
-__all__ = ["FAULTS", "INTERNAL", "Fault", "fault_of"]
+__all__ = ["FAULTS", "INTERNAL", "Fault", "error_class", "fault_of"]
 
 
 class Fault(NamedTuple):
@@ -48,3 +48,10 @@ FAULTS: Mapping[type[Exception], Fault] = {
 def fault_of(error: Exception) -> Fault:
     """Return the fault of the nearest class among an error's bases; `INTERNAL` if none is."""
     return next((FAULTS[kind] for kind in type(error).__mro__ if kind in FAULTS), INTERNAL)
+
+
+def error_class(code: str) -> type[SpcolaError] | None:
+    """Return the class of errors of a code that is made of texts alone; None if there is none."""
+    found = (kind for kind, fault in FAULTS.items() if fault.code == code)
+    plain = (kind for kind in found if issubclass(kind, SpcolaError))
+    return next((kind for kind in plain if kind is not PoisonousItemError), None)

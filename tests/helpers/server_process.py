@@ -31,11 +31,17 @@ class ServerProcess:
     """
 
     def __init__(self, folder: Path, *options: str, errors: IO[bytes] | None = None) -> None:
-        command = [sys.executable, "-m", "fusion.cli", "serve", str(folder), "--port", "0"]
+        self.folder, self.options, self.errors = folder, options, errors
+        self.port = 0
+        self.start()
+
+    def start(self) -> None:
+        """Start it, at the same port each time, and wait until it answers."""
+        command = [sys.executable, "-m", "fusion.cli", "serve", str(self.folder), "--json"]
         self.process = subprocess.Popen(
-            [*command, *options, "--json"],
+            [*command, "--port", str(self.port), *self.options],
             stdout=subprocess.PIPE,
-            stderr=errors or subprocess.DEVNULL,
+            stderr=self.errors or subprocess.DEVNULL,
             text=True,
             cwd=ROOT,
         )
@@ -46,6 +52,7 @@ class ServerProcess:
             assert line, self.process.wait()
             printed += line
         self.url = str(json.loads(printed)["url"])
+        self.port = int(self.url.rpartition(":")[2].strip("/"))
 
     def client(self) -> httpx.Client:
         return httpx.Client(base_url=self.url, timeout=60)

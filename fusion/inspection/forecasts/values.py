@@ -91,29 +91,33 @@ def forecast_json(found: Mapping[str, StageForecast]) -> dict[str, Any]:
     return {name: one.as_json() for name, one in found.items()}
 
 
-def forecast_lines(found: Mapping[str, StageForecast]) -> Iterator[str]:
+def forecast_lines(content: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield a table of lines, one for each stage, and their sum.
 
     Parameters
     ----------
-    found : mapping of str to StageForecast
-        By stage.
+    content : mapping
+        From :func:`forecast_json`, or read from JSON.
     """
     yield f"{'stage':10}{'items':>8}{'kept':>8}{'time':>10}{'memory, MB':>12}{'disk, MB':>10}  from"
-    for one in found.values():
-        why = f": {one.reason}" if one.reason else ""
-        if one.basis in (Basis.UP_TO_DATE, Basis.UNKNOWN):
-            yield f"{one.stage:10}{'–':>8}{'–':>8}{'–':>10}{'–':>12}{'–':>10}  {one.basis}{why}"
+    for stage, one in content.items():
+        basis = one["basis"] + (f": {one['reason']}" if one["reason"] else "")
+        if one["basis"] in (Basis.UP_TO_DATE, Basis.UNKNOWN):
+            yield f"{stage:10}{'–':>8}{'–':>8}{'–':>10}{'–':>12}{'–':>10}  {basis}"
             continue
         yield (
-            f"{one.stage:10}{one.items:8d}{one.kept:8d}{_time(one.seconds):>10}"
-            f"{one.memory_bytes / 1e6:12.0f}{one.disk_bytes / 1e6:10.1f}  {one.basis}{why}"
+            f"{stage:10}{one['items']:8d}{one['kept']:8d}{_time(one['seconds']):>10}"
+            f"{one['memory_mb']:12.0f}{one['disk_mb']:10.1f}  {basis}"
         )
-    known = [one for one in found.values() if not math.isnan(one.seconds)]
-    seconds, disk = sum(one.seconds for one in known), sum(one.disk_bytes for one in known)
-    most = max((one.memory_bytes for one in known), default=PROGRAM_BYTES)
-    yield f"{'all':26}{_time(seconds):>10}{most / 1e6:12.0f}{disk / 1e6:10.1f}"
+    known = [one for one in content.values() if not _is_unknown(one["seconds"])]
+    seconds, disk_mb = (sum(one[key] for one in known) for key in ("seconds", "disk_mb"))
+    most = max((one["memory_mb"] for one in known), default=PROGRAM_BYTES / 1e6)
+    yield f"{'all':26}{_time(seconds):>10}{most:12.0f}{disk_mb:10.1f}"
     yield "time without the first compilation of kernels; nothing was run"
+
+
+def _is_unknown(seconds: float | None) -> bool:
+    return seconds is None or math.isnan(seconds)
 
 
 def _time(seconds: float) -> str:

@@ -37,7 +37,7 @@ def difference_picture(found: SolutionDifference) -> Picture:
         _histogram(panels["positions"], "spacecraft, m", np.linalg.norm(found.positions, axis=1))
         turned = np.degrees(np.linalg.norm(found.turns, axis=1))
         _histogram(panels["turns"], "pointing, °", turned)
-        lines = difference_lines(found)
+        lines = difference_lines(found.as_json())
         together = [line.strip() for line in lines if "together" in line or "→" in line]
         title = f"Solution {found.second} less {found.first}"
         set_title(figure, title, "\n".join(together))

@@ -21,7 +21,7 @@ def json_answer(
     request: Request, content: Mapping[str, Any], headers: Mapping[str, str] | None = None
 ) -> Response:
     """Return JSON content, or 304 if the asker has it already."""
-    text = json.dumps(json_value(content), sort_keys=True, separators=(",", ":"))
+    text = json.dumps(json_value(content), separators=(",", ":"))
     return tagged(request, text.encode("ascii"), JSON, headers)
 
 

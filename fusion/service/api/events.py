@@ -121,11 +121,5 @@ async def stream(
 
 def event_text(event: Event) -> str:
     """Return an event as the text of a stream."""
-    content = {
-        "job": event.job,
-        "workspace": event.workspace,
-        "time": event.time,
-        **dict(event.content),
-    }
-    data = json.dumps(json_value(content), separators=(",", ":"))
+    data = json.dumps(json_value(event.as_json()), separators=(",", ":"))
     return f"id: {event.number}\nevent: {event.kind}\ndata: {data}\n\n"

@@ -7,17 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
-from fusion.service.api.service import Service
+from fusion.service.api.folder import ServedFolder
 from fusion.service.commands.fields import Mark
 from fusion.service.commands.json_options import options_of
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind
+from fusion.service.store.uploads import Uploads
 from fusion.service.work import Places, parameters_of
 from spcola.errors import WorkspaceError
 
+__all__ = ["check_parameters"]
+
 
 def check_parameters(
-    service: Service,
+    folder: ServedFolder,
+    uploads: Uploads,
     workspace: str,
     kind: JobKind,
     given: Mapping[str, Any],
@@ -28,7 +32,9 @@ def check_parameters(
 
     Parameters
     ----------
-    service : Service
+    folder : ServedFolder
+    uploads : Uploads
+        Of the store.
     workspace : str
     kind : JobKind
     given : mapping
@@ -45,13 +51,13 @@ def check_parameters(
         there is no such stage, solution or complete upload. It names those that there are.
     """
     checked = parameters_of(kind, given)
-    places = Places(service.root, service.store.uploads.get)
+    places = Places(folder.root, uploads.get)
     if kind is JobKind.INIT:
-        service.place(workspace)
-        uploads = (*getattr(checked, "uploads", ()), getattr(checked, "shape", None))
-        places.uploads(workspace, [one for one in uploads if one is not None])
+        folder.place(workspace)
+        sent = (*getattr(checked, "uploads", ()), getattr(checked, "shape", None))
+        places.uploads(workspace, [one for one in sent if one is not None])
         return
-    _check_workspace(service, workspace, checked, follows=follows)
+    _check_workspace(folder, workspace, checked, follows=follows)
     if kind in COMMANDS:
 
         def path_of(value: Any, mark: Mark | None) -> Path:
@@ -64,16 +70,16 @@ def check_parameters(
         options_of(COMMANDS[kind].options, checked, path_of)
 
 
-def _check_workspace(service: Service, workspace: str, checked: Any, *, follows: bool) -> None:
+def _check_workspace(folder: ServedFolder, workspace: str, checked: Any, *, follows: bool) -> None:
     """Check solution and settings of a job; raises RequestRefusedError or SpcolaError."""
     solution = getattr(checked, "solution", "")
     try:
         # An assessment of all solutions reads each.
-        opened = service.workspace(workspace, "" if solution == "all" else solution)
+        opened = folder.workspace(workspace, "" if solution == "all" else solution)
     except RequestRefusedError:
         if not follows:
             raise
-        service.place(workspace)
+        folder.place(workspace)
         return
     except WorkspaceError as error:
         if not follows:

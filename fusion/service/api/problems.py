@@ -6,7 +6,6 @@ import errno
 import logging
 import math
 from collections.abc import Sequence
-from enum import StrEnum
 from http import HTTPStatus
 from typing import Any
 
@@ -17,50 +16,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from fusion.runtime import json_value
-from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.errors import CODES, Refusal, RequestRefusedError
 from fusion.service.api.records import request_id
 from fusion.service.faults import fault_of
-from fusion.service.store import StoreError, StoreFault
+from fusion.service.store import StoreError
 from spcola.errors import SpcolaError, printable
 
 MEDIA_TYPE = "application/problem+json"
 _LOG = logging.getLogger("spcola.service")
 _FULL = {errno.ENOSPC, errno.EDQUOT}
-
-CODES: dict[StrEnum, HTTPStatus] = {
-    Refusal.UNAUTHENTICATED: HTTPStatus.UNAUTHORIZED,
-    Refusal.FORBIDDEN: HTTPStatus.FORBIDDEN,
-    Refusal.WRONG_HOST: HTTPStatus.MISDIRECTED_REQUEST,
-    Refusal.CROSS_SITE: HTTPStatus.FORBIDDEN,
-    Refusal.NOT_FOUND: HTTPStatus.NOT_FOUND,
-    Refusal.METHOD_NOT_ALLOWED: HTTPStatus.METHOD_NOT_ALLOWED,
-    Refusal.NOT_ACCEPTABLE: HTTPStatus.NOT_ACCEPTABLE,
-    Refusal.CONFLICT: HTTPStatus.CONFLICT,
-    Refusal.WRONG_OFFSET: HTTPStatus.CONFLICT,
-    Refusal.WRONG_CHECKSUM: HTTPStatus.UNPROCESSABLE_ENTITY,
-    Refusal.TOO_LARGE: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-    Refusal.OVER_QUOTA: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-    Refusal.UNSUPPORTED_MEDIA: HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
-    Refusal.RANGE_NOT_SATISFIABLE: HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
-    Refusal.INVALID: HTTPStatus.UNPROCESSABLE_ENTITY,
-    Refusal.TOO_MANY: HTTPStatus.TOO_MANY_REQUESTS,
-    Refusal.DISK_FULL: HTTPStatus.INSUFFICIENT_STORAGE,
-    Refusal.UNAVAILABLE: HTTPStatus.SERVICE_UNAVAILABLE,
-    StoreFault.UNKNOWN_JOB: HTTPStatus.NOT_FOUND,
-    StoreFault.LEASE_LOST: HTTPStatus.CONFLICT,
-    StoreFault.KEY_REUSED: HTTPStatus.UNPROCESSABLE_ENTITY,
-    StoreFault.UNKNOWN_TOKEN: HTTPStatus.NOT_FOUND,
-    StoreFault.REFUSED_TOKEN: HTTPStatus.UNAUTHORIZED,
-    StoreFault.UNKNOWN_UPLOAD: HTTPStatus.NOT_FOUND,
-    StoreFault.WRONG_OFFSET: HTTPStatus.CONFLICT,
-    StoreFault.NEWER_STORE: HTTPStatus.SERVICE_UNAVAILABLE,
-    StoreFault.OLDER_STORE: HTTPStatus.SERVICE_UNAVAILABLE,
-    StoreFault.DAMAGED: HTTPStatus.SERVICE_UNAVAILABLE,
-    StoreFault.DISK_FULL: HTTPStatus.INSUFFICIENT_STORAGE,
-    StoreFault.BUSY: HTTPStatus.SERVICE_UNAVAILABLE,
-    StoreFault.UNAVAILABLE: HTTPStatus.SERVICE_UNAVAILABLE,
-}
-"""Status of each code of an error that has one."""
 
 
 def status_and_code(error: Exception) -> tuple[HTTPStatus, str]:

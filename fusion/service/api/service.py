@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import shutil
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from starlette.requests import Request
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import EventFeed
+from fusion.service.api.folder import ServedFolder
 from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
 from fusion.service.api.records import Metrics
 from fusion.service.store import Store, Token
 from fusion.service.views.surfaces import LayerCache
-from fusion.workspace import SETTINGS_FILE, Workspace
-from spcola.errors import SpcolaError, WorkspaceError
+from fusion.workspace import Workspace
+from spcola.errors import SpcolaError
 
-NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
-"""What the name of a workspace looks like."""
-STATE_FOLDER = ".service"
 _REMEMBERED_S = 2.0
 _MOST_TOKENS = 1000
 
@@ -74,7 +70,7 @@ class Limits:
 
 
 @dataclass
-class Service:
+class Service(ServedFolder):
     """A folder of workspaces as it is served.
 
     Parameters
@@ -88,14 +84,13 @@ class Service:
         The workers that run with the server.
     """
 
-    root: Path
     store: Store
     limits: Limits = field(default_factory=Limits)
     metrics: Metrics = field(default_factory=Metrics)
     crew: Crew | None = None
 
     def __post_init__(self) -> None:
-        self.root = self.root.resolve()
+        super().__post_init__()
         self.metrics.registry.register(Measures(self.root, self.store, self.crew))
         self.feed = EventFeed(self.store, noticed=self.metrics.count_event)
         self.beginning = threading.Lock()
@@ -104,49 +99,6 @@ class Service:
         self._receiving: set[str] = set()
         self._lock = threading.Lock()
         self._tokens: dict[str, tuple[float, Token]] = {}
-
-    @property
-    def uploads(self) -> Path:
-        """The folder of uploads."""
-        return self.root / STATE_FOLDER / "uploads"
-
-    @property
-    def is_single(self) -> bool:
-        """Whether the folder itself is the only workspace."""
-        return (self.root / SETTINGS_FILE).is_file()
-
-    def names(self) -> list[str]:
-        """Return the names of all workspaces, sorted."""
-        if self.is_single:
-            return [self.root.name]
-        folders = (path.parent for path in self.root.glob(f"*/{SETTINGS_FILE}"))
-        return sorted(path.name for path in folders if re.fullmatch(NAME, path.name))
-
-    def folder(self, name: str) -> Path:
-        """Return the folder of a workspace.
-
-        Raises
-        ------
-        RequestRefusedError
-            If there is none of this name.
-        """
-        if self.is_single:
-            folder = self.root if name == self.root.name else None
-        else:
-            folder = self.root / name if re.fullmatch(NAME, name) else None
-        if folder is None or not (folder / SETTINGS_FILE).is_file():
-            raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such workspace", name)
-        return folder
-
-    def place(self, name: str) -> Path:
-        """Return where a workspace lies or may be made; raises RequestRefusedError if nowhere."""
-        if self.is_single or not re.fullmatch(NAME, name):
-            return self.folder(name)
-        return self.root / name
-
-    def workspace(self, name: str, solution: str = "") -> Workspace:
-        """Open a workspace; raises RequestRefusedError if there is none of this name."""
-        return Workspace.open(self.folder(name), solution)
 
     def token(self, secret: str) -> Token:
         """Return the token of a secret; what the store says is remembered for two seconds.
@@ -233,9 +185,5 @@ def opened_for(request: Request, name: str, solution: str = "") -> Iterator[Work
     RequestRefusedError
         If there is no such workspace or solution, or no such thing in it.
     """
-    try:
-        yield service_of(request).workspace(name, solution)
-    except WorkspaceError as error:
-        if error.__cause__ is not None:
-            raise
-        raise RequestRefusedError(Refusal.NOT_FOUND, error.what, error.where, error.do) from error
+    with service_of(request).opened(name, solution) as workspace:
+        yield workspace

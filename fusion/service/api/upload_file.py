@@ -12,6 +12,8 @@ from pathlib import Path
 from fusion.runtime.folders import make_folder
 from fusion.service.api.errors import Refusal, RequestRefusedError
 
+__all__ = ["UploadFile", "clean_name", "write_whole"]
+
 _ODD = re.compile(r"[^A-Za-z0-9._+-]+")
 _LONGEST = 128
 

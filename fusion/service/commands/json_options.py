@@ -12,10 +12,18 @@ import typer
 from pydantic import BaseModel, ConfigDict, Field, create_model
 from typer.models import ParameterInfo
 
-from fusion.service.commands.fields import Mark
+from fusion.service.commands.fields import Mark, named_columns
 from spcola.errors import InvalidValueError
 
-__all__ = ["FileName", "Output", "UploadId", "options_model", "options_of", "wrong_usage"]
+__all__ = [
+    "FileName",
+    "Output",
+    "UploadId",
+    "json_of",
+    "options_model",
+    "options_of",
+    "wrong_usage",
+]
 
 UploadId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 _NAME = r"[A-Za-z0-9][A-Za-z0-9._+-]{0,127}"
@@ -93,6 +101,37 @@ def _leaves(options: type[Any]) -> Iterator[_Leaf]:
         info = next(one for one in extras if isinstance(one, ParameterInfo))
         mark = next((one for one in extras if isinstance(one, Mark)), None)
         yield _Leaf(field.name, kind, info, mark, field.default)
+
+
+def json_of(
+    options: type[Any], given: Mapping[str, Any], send: Callable[[Path], str]
+) -> dict[str, Any]:
+    """Return options as the parameters of a job: the inverse of :func:`options_of`.
+
+    Parameters
+    ----------
+    options : type
+        Dataclass of options for typer.
+    given : mapping
+        Values by the names of the options; those with their defaults are left out.
+    send : callable
+        Uploads a file, and returns the id.
+    """
+
+    def value_of(leaf: _Leaf, value: Any) -> Any:
+        if leaf.mark is Mark.OUTPUT:
+            return Path(value).name
+        if leaf.mark is Mark.FOLDER:
+            return [send(path) for path in sorted(value.iterdir()) if path.is_file()]
+        if leaf.mark is Mark.COLUMNS:
+            parts = (part for text in value for part in text.split(","))
+            return named_columns(parts, "NAME=COLUMN")
+        if isinstance(value, list | tuple):
+            return [send(one) if isinstance(one, Path) else one for one in value]
+        return send(value) if isinstance(value, Path) else value
+
+    chosen = (leaf for leaf in _leaves(options) if given[leaf.name] not in (None, leaf.default))
+    return {leaf.json_name: value_of(leaf, given[leaf.name]) for leaf in chosen}
 
 
 def options_model(name: str, options: type[Any], *, solution: bool) -> type[BaseModel]:

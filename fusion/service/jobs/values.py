@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 
 class JobState(StrEnum):
@@ -140,6 +141,58 @@ class Job:
     error: JobError | None = None
     cancelling: bool = False
 
+    def as_json(self) -> dict[str, Any]:
+        """Return the job in JSON types, but for times that are NaN."""
+        request, progress = self.request, asdict(self.progress)
+        remaining = self.progress.remaining_s
+        progress["remaining_s"] = None if math.isnan(remaining) else remaining
+        return {
+            "id": self.id,
+            "kind": request.kind,
+            "workspace": request.workspace,
+            "user": request.user,
+            "parameters": dict(request.parameters),
+            "priority": request.priority,
+            "after": list(request.after),
+            "state": self.state,
+            "tries": self.tries,
+            "submitted": self.submitted,
+            "begun": self.begun,
+            "ended": self.ended,
+            "progress": progress,
+            "result": dict(self.result),
+            "error": self.error and asdict(self.error),
+            "cancelling": self.cancelling,
+        }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Self:
+        """Return the job of :meth:`as_json`; the idempotency key is not in it.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is no job.
+        """
+        names = ("workspace", "user", "parameters", "priority")
+        request = JobRequest(
+            JobKind(content["kind"]),
+            **{name: content[name] for name in names},
+            after=tuple(content["after"]),
+        )
+        error, times = content["error"], ("submitted", "begun", "ended")
+        return cls(
+            id=content["id"],
+            request=request,
+            state=JobState(content["state"]),
+            tries=content["tries"],
+            **{name: _number(content[name]) for name in times},
+            progress=JobProgress(**_with_number(content["progress"], "remaining_s")),
+            result=content["result"],
+            error=None if error is None else JobError(**error),
+            cancelling=content["cancelling"],
+        )
+
 
 @dataclass(frozen=True)
 class Event:
@@ -151,3 +204,24 @@ class Event:
     time: float
     kind: str  # "state", "progress", "note"
     content: Mapping[str, Any]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content with the job, its workspace and the time."""
+        shared = {"job": self.job, "workspace": self.workspace, "time": self.time}
+        return {**shared, **dict(self.content)}
+
+    @classmethod
+    def from_json(cls, number: int, kind: str, content: Mapping[str, Any]) -> Self:
+        """Return the event of :meth:`as_json`."""
+        shared = {name: content[name] for name in ("job", "workspace", "time")}
+        others = {name: value for name, value in content.items() if name not in shared}
+        return cls(number, **shared, kind=kind, content=others)
+
+
+def _number(value: float | None) -> float:
+    """Return a number of JSON, in which NaN is null."""
+    return math.nan if value is None else value
+
+
+def _with_number(content: Mapping[str, Any], name: str) -> dict[str, Any]:
+    return {**content, name: _number(content[name])}

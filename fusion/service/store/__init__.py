@@ -1,17 +1,5 @@
 """What the service keeps on disk: jobs, tokens, audit log, uploads; SQLite or PostgreSQL."""
 
-from fusion.service.store.errors import LeaseLostError, StoreError, StoreFault, UnknownJobError
-from fusion.service.store.records import AuditEntry, Scope, Token, Upload
-from fusion.service.store.store import Store
+import lazy_loader
 
-__all__ = [
-    "AuditEntry",
-    "LeaseLostError",
-    "Scope",
-    "Store",
-    "StoreError",
-    "StoreFault",
-    "Token",
-    "UnknownJobError",
-    "Upload",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

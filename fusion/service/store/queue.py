@@ -82,7 +82,9 @@ class SqlQueue:
             number = add_job(connection, request, ended)
             row = connection.execute(select(JOB).where(JOB.c.number == number)).one()
             if row.state == JobState.WAITING.value:
-                end_job(connection, row, JobState.FINISHED, ended, result=stored(result))
+                end_job(
+                    connection, row, JobState.FINISHED, ended, result=stored(result, sort=False)
+                )
 
     def job(self, identity: str) -> Job:
         """Return a job; raises `UnknownJobError`."""
@@ -192,7 +194,7 @@ class SqlQueue:
             if (row.state, row.worker) == (JobState.FINISHED.value, worker):
                 return
             row = _leased(connection, identity, worker)
-            content = stored(result)
+            content = stored(result, sort=False)
             end_job(connection, row, JobState.FINISHED, self._clock(), result=content, losses=0)
 
     def fail(self, identity: str, worker: str, error: JobError) -> None:

@@ -16,8 +16,8 @@ from fusion.service.store.schema import EVENT, JOB
 from spcola.errors import InvalidValueError
 
 
-def stored(content: Any) -> str:
-    """Return `content` as JSON without NaN.
+def stored(content: Any, *, sort: bool = True) -> str:
+    """Return `content` as JSON without NaN; its keys sorted, so that equal content is equal text.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def stored(content: Any) -> str:
         If it is no JSON.
     """
     try:
-        text = json.dumps(json_value(content), sort_keys=True, separators=(",", ":"))
+        text = json.dumps(json_value(content), sort_keys=sort, separators=(",", ":"))
     except (TypeError, ValueError, RecursionError) as error:
         raise InvalidValueError(f"cannot be written as JSON ({error})", "content") from error
     return text

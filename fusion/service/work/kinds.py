@@ -148,9 +148,14 @@ def _forecast(assignment: Assignment, given: RunParameters) -> dict[str, Any]:
     workspace = assignment.site(given.solution).open()
     settings = accepting(_settings(workspace, given), given.accept)
     found = stage_forecasts(workspace, settings, workers=assignment.executor.workers)
+    details = dict(found["mapolas"].details)
     if given.stages:
         found = {name: found[name] for name in found if name in given.stages}
-    return {"workspace": assignment.request.workspace, "forecast": forecast_json(found)}
+    return {
+        "workspace": assignment.request.workspace,
+        "forecast": forecast_json(found),
+        "mapolas_forecast": details,
+    }
 
 
 _KINDS: Mapping[JobKind, Callable[[Assignment, Any], dict[str, Any]]] = {

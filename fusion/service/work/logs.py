@@ -19,7 +19,10 @@ _KEPT = 5
 LEVEL_VARIABLE = "SPCOLA_LOG_LEVEL"
 _LEVELS = ("debug", "info", "warning", "error")
 
-log: Any = structlog.get_logger("spcola.service")
+# Before `start_log`, as in a program of a user, what is no warning is not printed.
+log: Any = structlog.wrap_logger(
+    logging.getLogger("spcola.service"), wrapper_class=structlog.stdlib.BoundLogger
+)
 
 
 def start_log(folder: Path | None, name: str) -> None:

@@ -60,6 +60,8 @@ class Supervisor:
         How long drained workers may finish their items before they are killed.
     silent_s : float
         A worker without a sign of life for so long is killed: a library hangs in it.
+    quiet : bool
+        The workers print nothing; their logs are in files.
     """
 
     def __init__(
@@ -70,9 +72,11 @@ class Supervisor:
         lost: Callable[[str], None] = lambda _: None,
         drain_s: float = 60.0,
         silent_s: float = 300.0,
+        quiet: bool = False,
     ) -> None:
         self._command, self._lost = list(command), lost
         self._drain_s, self._silent_s = drain_s, silent_s
+        self._errors = subprocess.DEVNULL if quiet else None
         self._slots: list[_Slot | None] = [None] * count
         self._quick = [0] * count
         self.count, self.ended = count, 0
@@ -141,6 +145,7 @@ class Supervisor:
                 [*self._command, name, str(theirs), str(theirs_too)],
                 pass_fds=(theirs, theirs_too),
                 stdin=subprocess.DEVNULL,
+                stderr=self._errors,
                 # Ctrl-C at the terminal reaches the supervisor only.
                 start_new_session=True,
             )

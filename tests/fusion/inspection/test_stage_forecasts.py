@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 from command_line import call
 
-from fusion.inspection.forecasts import Basis, StageForecast, forecast_lines, stage_forecasts
+from fusion.inspection.forecasts import (
+    Basis,
+    StageForecast,
+    forecast_json,
+    forecast_lines,
+    stage_forecasts,
+)
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
 from fusion.runtime.folders import Remembered
 from fusion.runtime.folders.remembered import Listing
@@ -96,7 +102,8 @@ def test_memory_grows_with_workers_and_the_sum_is_printed() -> None:
     two = StageForecast("fuse", 10, 4, 45.0, 1e8, 2, 5e6, Basis.SAMPLE)
     assert two.memory_bytes - one.memory_bytes == 1e8
     unknown = StageForecast("scale", seconds=float("nan"), basis=Basis.UNKNOWN, reason="no shape")
-    lines = list(forecast_lines({"fuse": one, "scale": unknown, "report": StageForecast("report")}))
+    forecasts = {"fuse": one, "scale": unknown, "report": StageForecast("report")}
+    lines = list(forecast_lines(forecast_json(forecasts)))
     assert lines[1].split() == ["fuse", "10", "4", "90.0", "s", "360", "5.0", "sample"]
     assert lines[2].endswith("unknown: no shape")
     assert lines[4].split()[:3] == ["all", "90.0", "s"]

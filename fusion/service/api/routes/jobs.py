@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from fusion.service.api.events import stream
 from fusion.service.api.parameters import check_parameters
 from fusion.service.api.service import service_of
 from fusion.service.commands.table import COMMANDS
-from fusion.service.jobs import Job, JobKind, JobRequest, JobState
+from fusion.service.jobs import JobKind, JobRequest, JobState
 from fusion.service.store import Scope, UnknownJobError
 from fusion.service.work.parameters import EXAMPLES, PARAMETERS
 
@@ -131,13 +130,13 @@ def all_jobs(
 @routes.add("GET", "/jobs/{job}", READ_JOB)
 def job(request: Request, job: str) -> Response:
     """Return a job with its progress, and its result or error."""
-    return json_answer(request, job_json(service_of(request).store.job(job)))
+    return json_answer(request, service_of(request).store.job(job).as_json())
 
 
 @routes.add("POST", "/jobs/{job}/cancel", RUN_JOB)
 def cancel(request: Request, job: str) -> Response:
     """Cancel a job: at once while it waits; one that runs ends with its current items."""
-    return json_answer(request, job_json(service_of(request).store.cancel(job)))
+    return json_answer(request, service_of(request).store.cancel(job).as_json())
 
 
 @routes.add("GET", "/jobs/{job}/log", READ_JOB)
@@ -209,35 +208,6 @@ async def events(
     return StreamingResponse(counted(), media_type="text/event-stream", headers=headers)
 
 
-def job_json(job: Job) -> dict[str, Any]:
-    """Return a job in JSON types; times are seconds since 1970, null before."""
-    request, error, progress = job.request, job.error, job.progress
-    return {
-        "id": job.id,
-        "kind": request.kind,
-        "workspace": request.workspace,
-        "user": request.user,
-        "parameters": dict(request.parameters),
-        "priority": request.priority,
-        "after": list(request.after),
-        "state": job.state,
-        "tries": job.tries,
-        "submitted": job.submitted,
-        "begun": job.begun,
-        "ended": job.ended,
-        "progress": {
-            "stage": progress.stage,
-            "task": progress.task,
-            "done": progress.done,
-            "total": progress.total,
-            "remaining_s": None if math.isnan(progress.remaining_s) else progress.remaining_s,
-        },
-        "result": dict(job.result),
-        "error": error and {"code": error.code, "text": error.text, "item": error.item},
-        "cancelling": job.cancelling,
-    }
-
-
 def submitted(
     request: Request,
     workspace: str,
@@ -249,10 +219,11 @@ def submitted(
     service = service_of(request)
     before = asked.get("after", ())
     follows = any(service.store.job(one).request.workspace == workspace for one in before)
-    check_parameters(service, workspace, kind, parameters, follows=follows)
+    uploads = service.store.uploads
+    check_parameters(service, uploads, workspace, kind, parameters, follows=follows)
     user = caller_of(request).name
     job = service.store.submit(JobRequest(kind, workspace, user, parameters, **asked))
-    answer = json_answer(request, job_json(job), {"Location": f"/api/v1/jobs/{job.id}"})
+    answer = json_answer(request, job.as_json(), {"Location": f"/api/v1/jobs/{job.id}"})
     answer.status_code = 202
     return answer
 
@@ -287,4 +258,4 @@ def _listed(
     )
     shown = found[:limit]
     more = next_link(request, "before", shown[-1].id) if len(found) > limit else {}
-    return json_answer(request, {"jobs": [job_json(one) for one in shown]}, more)
+    return json_answer(request, {"jobs": [one.as_json() for one in shown]}, more)

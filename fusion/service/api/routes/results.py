@@ -9,6 +9,7 @@ from fastapi import Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from fusion.inspection import describe_solution
 from fusion.service.api.access import READ, Routes, caller_of
 from fusion.service.api.answers import accepted, json_answer, tagged
 from fusion.service.api.errors import Refusal, RequestRefusedError
@@ -83,6 +84,13 @@ def solutions(request: Request, workspace: str) -> Response:
     """Return the solutions, each with its parent, and which one is in use."""
     with opened_for(request, workspace) as opened:
         return json_answer(request, solution_tree(opened))
+
+
+@routes.add("GET", "/solutions/{name}", READ)
+def one_solution(request: Request, workspace: str, name: str) -> Response:
+    """Return what a solution was made from, by what and when, and what it contains."""
+    with opened_for(request, workspace, name) as opened:
+        return json_answer(request, describe_solution(opened))
 
 
 @routes.add("GET", "/solutions/{first}/diff/{second}", READ)

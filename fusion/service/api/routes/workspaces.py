@@ -13,8 +13,9 @@ from fusion.service.api.access import ADMIN, KNOWN, READ, Routes, caller_of
 from fusion.service.api.answers import json_answer, next_link, page_of
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.files import file_answer
+from fusion.service.api.folder import NAME
 from fusion.service.api.routes.jobs import submitted
-from fusion.service.api.service import NAME, opened_for, service_of
+from fusion.service.api.service import opened_for, service_of
 from fusion.service.jobs import JobKind
 from fusion.service.store import Scope
 from fusion.service.views import ListKind, coverage, list_page, overview

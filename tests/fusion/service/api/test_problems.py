@@ -11,8 +11,8 @@ from asgi_client import AsgiClient
 
 from fusion.service.api import Service, create_app
 from fusion.service.api.access import PUBLIC, Routes
-from fusion.service.api.errors import Refusal
-from fusion.service.api.problems import CODES, status_and_code
+from fusion.service.api.errors import CODES, Refusal
+from fusion.service.api.problems import status_and_code
 from fusion.service.faults import FAULTS
 from fusion.service.store import StoreError, StoreFault
 from spcola.errors import SpcolaError, WorkspaceError

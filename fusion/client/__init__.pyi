@@ -1,0 +1,8 @@
+from .errors import JobFailedError as JobFailedError
+from .errors import UnreachableError as UnreachableError
+from .errors import VersionWarning as VersionWarning
+from .progress import job_bar as job_bar
+from .sessions import AsyncSession as AsyncSession
+from .sessions import Session as Session
+from .sessions import connect as connect
+from .sessions import connect_async as connect_async

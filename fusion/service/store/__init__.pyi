@@ -1,0 +1,9 @@
+from .errors import LeaseLostError as LeaseLostError
+from .errors import StoreError as StoreError
+from .errors import StoreFault as StoreFault
+from .errors import UnknownJobError as UnknownJobError
+from .records import AuditEntry as AuditEntry
+from .records import Scope as Scope
+from .records import Token as Token
+from .records import Upload as Upload
+from .store import Store as Store

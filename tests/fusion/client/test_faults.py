@@ -1,0 +1,206 @@
+"""Connections that break, servers that start again, tokens and names that are wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from command_line import call, called, refused
+from served import make_ball
+from server_process import ServerProcess
+
+import spcola
+from fusion.client import Session, UnreachableError, VersionWarning, connect, files
+from fusion.client.steps import Send, run
+from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.jobs import JobState
+from fusion.service.store import StoreError, UnknownJobError
+from spcola.errors import InvalidValueError, RejectedResultError, WorkspaceError
+
+CONTENT = bytes(range(256)) * 400
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[ServerProcess]:
+    """A server that a test may kill."""
+    make_ball(tmp_path / "ball")
+    started = ServerProcess(tmp_path)
+    yield started
+    started.kill()
+
+
+def test_a_wait_goes_on_when_the_server_starts_again(own: ServerProcess) -> None:
+    with connect(own.url) as session:
+        job = session.submit("ball", ["mapolas"])
+        threading.Timer(0.3, lambda: (own.kill(), time.sleep(0.5), own.start())).start()
+        done = session.wait(job, progress=False)
+        assert done.state is JobState.FINISHED
+        assert done.result["stages"][0]["stage"] == "mapolas"
+        # Events after the new start go on after the last one.
+        first = next(iter(session.events(job)))
+        states = [e.content.get("state") for e in session.events(job, after=first.number)]
+        assert "waiting" not in states
+        assert states[-1] == "finished"
+
+
+def test_an_upload_goes_on_where_it_was_interrupted(
+    own: ServerProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "_PART", 10_000)
+    source = tmp_path / "a.las"
+    source.write_bytes(CONTENT)
+    sent: list[int] = []
+
+    class InterruptedHereError(Exception):
+        pass
+
+    with connect(own.url) as session:
+        perform = type(session.doing()).perform
+
+        def until_the_third(self, effect):
+            if isinstance(effect, Send) and effect.request.method == "PATCH":
+                sent.append(int(effect.request.headers["Upload-Offset"]))
+                if len(sent) == 3:
+                    raise InterruptedHereError
+            return perform(self, effect)
+
+        monkeypatch.setattr(type(session.doing()), "perform", until_the_third)
+        with pytest.raises(InterruptedHereError):
+            session.upload("ball", source, progress=False)
+    own.kill()
+    own.start()
+    with connect(own.url) as session:
+        upload = session.upload("ball", source, progress=False)
+        assert sent == list(range(0, 20_001, 10_000)) + list(range(20_000, len(CONTENT), 10_000))
+        (record,) = session.uploads("ball")
+        assert (record["state"], record["sha256"]) == (
+            "complete", hashlib.sha256(CONTENT).hexdigest(),
+        )  # fmt: skip
+        # The same file again is there already.
+        assert session.upload("ball", source, progress=False) == upload
+        assert len(sent) == 3 + len(CONTENT) // 10_000 - 1
+
+
+def test_a_download_goes_on_and_a_changed_file_begins_anew(
+    remote: Session, local: Session, missions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "_PART", 1000)
+    source = missions / "ball" / "NOMINALS" / "A.BIN"
+    source.write_bytes(CONTENT)
+    for number, session in enumerate((remote, local)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        part = session.place.file("ball", "NOMINALS/A.BIN", 0, 1000, "")
+        got = run(part, session.doing())
+        (folder / f".A.BIN.{got.tag.encode().hex()}.part").write_bytes(b"x" * 500)
+        found = session.download("ball", "NOMINALS/A.BIN", folder, progress=False)
+        # The bytes that were there are not asked for again.
+        assert found.read_bytes() == b"x" * 500 + CONTENT[500:]
+        (folder / f".A.BIN.{b'other'.hex()}.part").write_bytes(b"y" * 500)
+        assert session.download("ball", "NOMINALS/A.BIN", folder, progress=False) == found
+        assert found.read_bytes() == CONTENT
+        assert [path.name for path in folder.iterdir()] == ["A.BIN"]
+        with pytest.raises(RequestRefusedError, match="no such file"):
+            session.download("ball", ".items/A.BIN", folder, progress=False)
+
+
+def test_a_request_that_got_no_answer_makes_one_job(
+    remote: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    send, lost = httpx.Client.request, []
+
+    def without_answer(self, method, **given):
+        answer = send(self, method, **given)
+        if method == "POST" and not lost:
+            lost.append(answer.json()["id"])
+            raise httpx.ReadError("the connection broke")
+        return answer
+
+    monkeypatch.setattr(httpx.Client, "request", without_answer)
+    before = len(remote.jobs("ball"))
+    job = remote.submit("ball", ["mapolas"])
+    assert job.id == lost[0]
+    assert len(remote.jobs("ball")) == before + 1
+    remote.wait(job, progress=False)
+
+
+def test_errors_of_a_server_are_those_of_the_command(remote: Session, local: Session) -> None:
+    for session in (remote, local):
+        with pytest.raises(UnknownJobError):
+            session.job("nothing")
+        with pytest.raises(RequestRefusedError) as missing:
+            session.overview("nothing")
+        assert missing.value.code is Refusal.NOT_FOUND
+        with pytest.raises(InvalidValueError, match="nothing"):
+            session.submit("ball", ["mapolas"], nothing=1)
+        job = session.submit("ball", ["nothing"])
+        with pytest.raises((InvalidValueError, WorkspaceError, RejectedResultError)):
+            session.wait(job, progress=False)
+        slow = session.submit("ball", ["mapolas"], force=True)
+        cancelled = session.cancel(slow)
+        assert session.wait(slow, progress=False, check=False).id == cancelled.id
+
+
+def test_tokens_versions_and_addresses_that_are_wrong(
+    tmp_path: Path, server: ServerProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_ball(tmp_path / "ball")
+    closed = ServerProcess(tmp_path, "--name", "localhost")
+    try:
+        with pytest.raises(RequestRefusedError, match="token is needed"):
+            connect(closed.url)
+        with pytest.raises(StoreError):
+            connect(closed.url, "wrong")
+        secret = called("serve", "token", "add", tmp_path, "ann", "--scope", "read")["secret"]
+        monkeypatch.setenv("SPCOLA_TOKEN", secret)
+        with connect(closed.url) as session:
+            assert session.workspaces() == ["ball"]
+            with pytest.raises(RequestRefusedError) as forbidden:
+                session.submit("ball")
+            assert forbidden.value.code is Refusal.FORBIDDEN
+    finally:
+        closed.kill()
+    begun = time.monotonic()
+    with pytest.raises(UnreachableError, match="does not answer"):
+        connect(closed.url, patience_s=0.5)
+    assert time.monotonic() - begun < 10
+    with pytest.raises(WorkspaceError):
+        connect(tmp_path / "nothing")
+    monkeypatch.delenv("SPCOLA_TOKEN")
+    monkeypatch.setattr(spcola, "__version__", "9.9.9")
+    with pytest.warns(VersionWarning, match=r"this client 9\.9\.9"):
+        connect(server.url).close()
+
+
+def test_commands_on_a_server(
+    server: ServerProcess, missions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(missions)
+    there = ("--server", server.url)
+    compared = ["solution", "diff", "ball", "imported", "imported"]
+    for command in (["solution", "list", "ball"], compared, ["mapolas", "ball", "--force"]):
+        one, two = called(*there, *command), called(*command)
+        for found in (one, two):
+            found.pop("seconds", None)
+        assert one == two
+        printed = [call(*where, *command).stdout for where in (there, ())]
+        if "mapolas" not in command:
+            assert printed[0] == printed[1]
+    info = called(*there, "info", "ball")
+    assert info.keys() == called("info", "ball").keys()
+    assert "local files" in refused(*there, "look", "ball")
+    assert "--workers" in refused(*there, "mapolas", "ball", "--workers", 2)
+    assert "no such workspace" in refused(*there, "run", "nothing")
+    jobs = called(*there, "job", "list", "ball")["jobs"]
+    assert jobs[0]["kind"] == "forecast"
+    assert called(*there, "job", "wait", "ball", jobs[0]["id"])["state"] == "finished"
+    scan = tmp_path / "new.txt"
+    scan.write_text("x y z\n" + "".join(f"60.1 {k}.0 0.5\n" for k in range(-9, 9)))
+    columns = ("--columns", "x=x [m],y=y [m],z=z [m]")
+    made = called(*there, "import", "ball", scan, *columns)["scans"]
+    assert (made[0]["scan"], made[0]["file"]) == ("new", scan.name)
