@@ -18,6 +18,7 @@ from fusion.service.api.events import EventFeed
 from fusion.service.api.folder import ServedFolder
 from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
 from fusion.service.api.records import Metrics
+from fusion.service.state import STATE_FOLDER
 from fusion.service.store import Store, Token
 from fusion.service.views.surfaces import LayerCache
 from fusion.workspace import Workspace

@@ -11,9 +11,10 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from fusion.service.api.access import KNOWN, READ, READ_JOB, RUN, RUN_JOB, Routes, caller_of
-from fusion.service.api.answers import json_answer, next_link
+from fusion.service.api.answers import described, json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import stream
+from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.parameters import check_parameters
 from fusion.service.api.service import service_of
 from fusion.service.commands.table import COMMANDS
@@ -25,7 +26,6 @@ routes = Routes("/api/v1", "jobs")
 _MOST_EVENTS = 1000
 
 Before = Annotated[str, Query(max_length=64, description="Last job of the page before.")]
-Limit = Annotated[int, Query(ge=1, le=1000, description="Jobs on a page.")]
 States = Annotated[list[JobState], Query(description="Only jobs in these states.")]
 Key = Annotated[
     str,
@@ -66,8 +66,9 @@ class ForecastRequest(BaseModel):
 
 
 @routes.add("GET", "/job-kinds", KNOWN)
-def kinds(request: Request) -> Response:
+def kinds(request: Request, after: After = "", limit: Limit = 100) -> Response:
     """List the kinds of jobs: the command that does the same, JSON schema and example."""
+    shown, more = page_of(request, [kind.value for kind in JobKind], after, limit)
     found = [
         {
             "kind": kind,
@@ -75,9 +76,9 @@ def kinds(request: Request) -> Response:
             "parameters": PARAMETERS[kind].model_json_schema(),
             "example": EXAMPLES[kind],
         }
-        for kind in JobKind
+        for kind in map(JobKind, shown)
     ]
-    return json_answer(request, {"kinds": found})
+    return described(request, {"kinds": found}, more)
 
 
 _OTHERS = {
