@@ -16,11 +16,13 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import stream
 from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.parameters import check_parameters
-from fusion.service.api.service import service_of
+from fusion.service.api.service import Service, service_of
+from fusion.service.commands.json_options import writes_outputs
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind, JobRequest, JobState
 from fusion.service.store import Scope, UnknownJobError
 from fusion.service.work.parameters import EXAMPLES, PARAMETERS
+from fusion.service.work.places import output_files
 
 routes = Routes("/api/v1", "jobs")
 _MOST_EVENTS = 1000
@@ -222,11 +224,23 @@ def submitted(
     follows = any(service.store.job(one).request.workspace == workspace for one in before)
     uploads = service.store.uploads
     check_parameters(service, uploads, workspace, kind, parameters, follows=follows)
+    _check_outputs(service, workspace, kind)
     user = caller_of(request).name
     job = service.store.submit(JobRequest(kind, workspace, user, parameters, **asked))
     answer = json_answer(request, job.as_json(), {"Location": f"/api/v1/jobs/{job.id}"})
     answer.status_code = 202
     return answer
+
+
+def _check_outputs(service: Service, workspace: str, kind: JobKind) -> None:
+    """Refuse a job that writes outputs where there are too many already."""
+    if kind in COMMANDS and writes_outputs(COMMANDS[kind].options):
+        there = sum(output_files(service.root, workspace).values())
+        if there >= service.limits.outputs_bytes:
+            what = f"outputs of {there} bytes are there already"
+            raise RequestRefusedError(
+                Refusal.OVER_QUOTA, what, workspace, "download and remove some"
+            )
 
 
 def _check_before(request: Request, jobs: list[str]) -> None:
