@@ -15,7 +15,7 @@ from starlette.requests import Request
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import EventFeed
-from fusion.service.api.folder import STATE_FOLDER, ServedFolder
+from fusion.service.api.folder import ServedFolder
 from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
 from fusion.service.api.records import Metrics
 from fusion.service.state import STATE_FOLDER

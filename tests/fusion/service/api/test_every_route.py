@@ -138,7 +138,8 @@ def test_the_examples_of_the_reference_work(client: AsgiClient, served: Served) 
     _, token = store.tokens.make("anna", {"bennu": Scope.RUN})
     there = {
         "00000001-113f7baa": job, "k3v9": upload, "4f1d2c3b5a69": token.id, "AB0001": "AA0001",
-        "9f86…": "0" * 64, '"name": "bennu"': '"name": "new"', "fuse/diff/imported:fuse?other=bennu-2": "mapolas/diff/imported:mapolas",
+        "9f86…": "0" * 64, '"name": "bennu"': '"name": "new"',
+        "fuse/diff/imported:fuse?other=bennu-2": "mapolas/diff/imported:mapolas",
         "imported:fuse": "imported:mapolas", "scaled-1": "imported", "scan01.dat": "other.dat",
         "scale.json": "spcola.toml", "scale-pairs": "scans", "product=release/manifest.json":
         "product=mapolas/AA0000.MAP", "kernels/spc_states.tm": "spc/MAPFILES/AA0001.MAP",

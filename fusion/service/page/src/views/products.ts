@@ -1,5 +1,5 @@
 // Products of the release, the report, and tables, to be downloaded.
-import { ApiProblem, getJson, pathOf } from "../api";
+import { ApiProblem, getAll, getJson, pathOf } from "../api";
 import { element, fill } from "../dom";
 import { downloadLink, filePath } from "../download";
 import { bytes, count } from "../format";
