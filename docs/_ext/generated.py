@@ -26,6 +26,7 @@ from typer.core import TyperArgument
 from typer.main import get_command
 
 from fusion.cli.app import COMMANDS, app
+from fusion.client.steps import Blocking, call, stream
 from fusion.workspace.settings.ranges import range_text
 from fusion.registration.results.keys import REGISTRATION_KEYS
 from fusion.scaling.results.keys import SCALE_KEYS
@@ -181,7 +182,14 @@ def module_text(name: str) -> str:
 def public_members(value: type) -> list[str]:
     """Public methods and properties that a class states itself."""
     kinds = (property, classmethod, staticmethod)
-    return [
+    # The calls of a session are those of its bases; one that is awaited has the same.
+    calls = [
+        name
+        for base in (value.__mro__ if issubclass(value, Blocking) else ())
+        for name, member in vars(base).items()
+        if isinstance(member, call | stream)
+    ]
+    return calls + [
         name
         for name, member in vars(value).items()
         if not name.startswith("_")

@@ -13,7 +13,7 @@ import typer
 from fusion.cli.options import JsonOption, PanelCommand, WorkspaceArgument
 from fusion.cli.output import show
 from fusion.cli.program import guarded
-from fusion.service.commands.fields import SolutionOption
+from fusion.service.commands import SolutionOption
 
 if TYPE_CHECKING:
     from fusion.client import Session

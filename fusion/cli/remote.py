@@ -12,12 +12,12 @@ from typing import Any
 
 import typer
 
-from fusion.cli import altimetry, folder, images, jobs, solution, stages, states
+from fusion.cli import altimetry, folder, images, jobs, solution, stages, states, truth
 from fusion.cli.options import with_shared_options
 from fusion.cli.output import run_lines, show, value_lines
 from fusion.client import Session, VersionWarning, connect
 from fusion.service.api.errors import Refusal, RequestRefusedError
-from fusion.service.commands.json_options import json_of
+from fusion.service.commands.json_options import json_of, outputs_of
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind
 from fusion.service.state import WORKSPACE_NAME
@@ -27,6 +27,7 @@ Given = Mapping[str, Any]
 Printed = tuple[Mapping[str, Any], list[str]]
 _RUN = frozenset({"solution", "force", "accept", "only", "within"})
 # Of the overview, what `info` does not print.
+_FILES = {JobKind.IMPORT: "scan", JobKind.IMAGES: "image"}
 _BEYOND = ("name", "bigmaps", "pairs", "released", "verdicts", "findings", "results")
 
 
@@ -201,16 +202,19 @@ def _info(session: Session, workspace: str, given: Given) -> Printed:
 
 def _by_job(kind: JobKind) -> Remote:
     """Return a command that a job does by the same options: its files are uploaded."""
-    command = COMMANDS[kind]
+    command, files = COMMANDS[kind], _FILES.get(kind, "kernel")
 
     def does(session: Session, workspace: str, given: Given) -> Printed:
         def send(path: Path) -> str:
-            return session.upload(workspace, path, "scan", progress=not given["as_json"])
+            return session.upload(workspace, path, files, progress=not given["as_json"])
 
         parameters = json_of(command.options, given, send)
         if command.solution:
             parameters["solution"] = given["solution"]
         job = _done(session, session.submit_job(workspace, kind, parameters), given)
+        for path in outputs_of(command.options, given):
+            shown = not given["as_json"]
+            session.download_output(workspace, path.name, path, progress=shown)
         return job.result, [line["text"] for line in session.log(job)]
 
     names = set(signature(with_shared_options(_taking(command.options))).parameters)
@@ -301,6 +305,7 @@ REMOTE: Mapping[Callable[..., Any], Remote] = {
     images.images: _by_job(JobKind.IMAGES),
     states.sumfiles: _by_job(JobKind.SUMFILES),
     states.kernels: _by_job(JobKind.KERNELS),
+    truth.assess: _by_job(JobKind.TRUTH_ASSESS),
     solution.use: _by_job(JobKind.SOLUTION_USE),
     solution.export: _by_job(JobKind.SOLUTION_EXPORT),
     solution.remove: _by_job(JobKind.SOLUTION_REMOVE),

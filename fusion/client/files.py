@@ -185,7 +185,40 @@ class Moving:
         """
         target = Path(to)
         target = target / Path(path).name if target.is_dir() else target
-        return (yield from self._downloaded(workspace, path, target, shown=progress))
+        return (yield from self._downloaded(workspace, f"files/{path}", target, shown=progress))
+
+    @call
+    def download_output(
+        self, workspace: str, name: str, to: str | Path, *, progress: bool = True
+    ) -> Steps[list[Path]]:
+        """Fetch what a job wrote for its user: a file, or a folder with all that is in it.
+
+        Parameters
+        ----------
+        workspace : str
+        name : str
+            Its first name in `outputs`.
+        to : str or Path
+            The new file or folder.
+        progress : bool
+
+        Raises
+        ------
+        InvalidValueError
+            If there is no such output.
+        """
+        listed = (yield from self.place.view(View.OUTPUTS, workspace, {}))["outputs"]
+        names = [one["name"] for one in listed]
+        inside = [one for one in names if one == name or one.startswith(f"{name}/")]
+        if not inside:
+            raise InvalidValueError("is no output of a job", name, "list the outputs")
+        found = []
+        for one in inside:
+            target = Path(to) / one.removeprefix(f"{name}/") if one != name else Path(to)
+            yield Compute(partial(target.parent.mkdir, parents=True, exist_ok=True))
+            path = f"outputs/{one}"
+            found.append((yield from self._downloaded(workspace, path, target, shown=progress)))
+        return found
 
     @call
     def download_products(
@@ -225,14 +258,14 @@ class Moving:
             raise InvalidValueError("is no product of the release", unknown[0], "list the products")
         target, home = Path(folder), (yield from self._home(workspace, solution))
         yield Compute(lambda: target.mkdir(parents=True, exist_ok=True))
-        place = f"{home}release/manifest.json"
+        place = f"files/{home}release/manifest.json"
         found = [
             (yield from self._downloaded(workspace, place, target / "manifest.json", shown=False))
         ]
         for name in names or entries:
             file, wanted = target / Path(name).name, entries[name]["sha256"]
             if (yield Compute(partial(_digest, file))) != wanted:
-                place = f"{home}release/{name}"
+                place = f"files/{home}release/{name}"
                 yield from self._downloaded(workspace, place, file, shown=progress)
                 if (yield Compute(partial(_digest, file))) != wanted:
                     yield Compute(file.unlink)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,19 @@ from fusion.inspection import describe_solution
 from fusion.runtime import json_value
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.folder import ServedFolder
+from fusion.service.state import outputs_folder
 from fusion.service.views import ListKind, coverage, list_page, overview
-from fusion.service.views.body import mesh_bytes, shape_mesh, vertex_layer
+from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
     provenance,
     run_list,
     run_record,
+    run_request,
     runs_compared,
     solution_tree,
     solutions_compared,
 )
+from fusion.service.views.outlines import outlines, same_place
 from fusion.service.views.results import epsilon_table, residuals, result_json
 from fusion.service.views.surfaces import (
     LayerCache,
@@ -38,6 +41,7 @@ from fusion.service.views.surfaces import (
     value_at,
 )
 from fusion.service.views.tables import TableFormat, read_table, table_names
+from fusion.service.work.places import output_files
 from fusion.workspace import Workspace
 
 _PAGE = 1000
@@ -102,7 +106,10 @@ class Local(LocalJobs):
         return open_surface(opened, _kind(kind), name, cache=self.cache)
 
     def _part(self, workspace: str, path: str, begin: int, count: int, tag: str) -> FilePart:
+        area, _, path = path.partition("/")
         root = self.folder.folder(workspace).resolve()
+        if area == "outputs":
+            root = outputs_folder(self.folder.root, workspace)
         found = (root / path).resolve()
         hidden = not found.is_relative_to(root) or any(
             part.startswith(".") for part in found.relative_to(root).parts
@@ -130,6 +137,11 @@ def _listed(_: Local, opened: Workspace, kind: str) -> dict[str, Any]:
     return {kind: items, "total": page.total}
 
 
+def _outputs(place: Local, opened: Workspace) -> dict[str, Any]:
+    sizes = output_files(place.folder.root, opened.root.name)
+    return {"outputs": [{"name": name, "bytes": sizes[name]} for name in sorted(sizes)]}
+
+
 def _surfaces(_: Local, opened: Workspace, kind: str = "") -> dict[str, Any]:
     kinds = (_kind(kind),) if kind else SurfaceKind
     pairs = [f"{one}/{name}" for one in kinds for name in surface_names(opened, one)]
@@ -143,8 +155,19 @@ def _profile(place: Local, opened: Workspace, kind: str, name: str, **line: str)
     return profile(place.surface(opened, kind, name), begin, end, layers).as_json()
 
 
-def _runs_compared(_: Local, opened: Workspace, first: str, second: str) -> dict[str, Any]:
-    return runs_compared(*(run_record(opened, name) for name in (first, second)))
+def _surface(place: Local, opened: Workspace, kind: str, name: str) -> dict[str, Any]:
+    found = place.surface(opened, kind, name)
+    others = same_place(opened, _kind(kind), name)
+    alike = [dict(zip(("kind", "name"), one, strict=True)) for one in others]
+    return {**found.describe(), "same_place": alike}
+
+
+def _runs_compared(
+    place: Local, opened: Workspace, first: str, second: str, other: str = ""
+) -> dict[str, Any]:
+    one = run_record(opened, first)
+    with place.folder.opened(other) if other else nullcontext(opened) as their:
+        return runs_compared(one, run_record(their, second))
 
 
 def _window(place: Local, opened: Workspace, kind: str, name: str, **asked: Any) -> bytes:
@@ -174,6 +197,7 @@ _VIEWS: Mapping[View, Callable[..., Any]] = {
     View.OVERVIEW: lambda _, opened: overview(opened),
     View.COVERAGE: lambda _, opened, **given: coverage(opened, **given),
     View.LIST: _listed,
+    View.OUTLINES: lambda _, opened, kind: outlines(opened, _kind(kind)),
     View.RESULT: lambda _, opened, name: result_json(opened, name),
     View.TABLES: lambda _, opened: {"tables": table_names(opened)},
     View.RESIDUALS: lambda _, opened: residuals(opened),
@@ -183,16 +207,21 @@ _VIEWS: Mapping[View, Callable[..., Any]] = {
     View.SOLUTIONS_COMPARED: lambda _, opened, first, second: solutions_compared(
         opened, first, second
     ),
+    View.OUTPUTS: _outputs,
     View.RUNS: lambda _, opened: {"runs": run_list(opened)},
-    View.RUN: lambda _, opened, run: run_record(opened, run),
+    View.RUN: lambda _, opened, run: {
+        **run_record(opened, run),
+        "request": run_request(opened, run),
+    },
     View.RUNS_COMPARED: _runs_compared,
     View.PROVENANCE: lambda _, opened, product: provenance(opened, product),
     View.SURFACES: _surfaces,
-    View.SURFACE: lambda place, opened, kind, name: place.surface(opened, kind, name).describe(),
+    View.SURFACE: _surface,
     View.VALUE: lambda place, opened, kind, name, x, y: value_at(
         place.surface(opened, kind, name), x, y
     ),
     View.PROFILE: _profile,
+    View.SHAPE_LAYERS: lambda _, opened: {"layers": shape_layers(opened)},
 }
 _CONTENTS: Mapping[View, Callable[..., bytes]] = {
     View.TABLE: lambda _, opened, name, accept: read_table(opened, name).as_bytes(

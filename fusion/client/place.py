@@ -17,6 +17,7 @@ class View(StrEnum):
     OVERVIEW = ""
     COVERAGE = "/coverage"
     LIST = "/{kind}"
+    OUTLINES = "/outlines"
     RESULT = "/results/{name}"
     TABLES = "/tables"
     TABLE = "/tables/{name}"
@@ -25,6 +26,7 @@ class View(StrEnum):
     SOLUTIONS = "/solutions"
     SOLUTION = "/solutions/{name}"
     SOLUTIONS_COMPARED = "/solutions/{first}/diff/{second}"
+    OUTPUTS = "/outputs"
     RUNS = "/runs"
     RUN = "/runs/{run}"
     RUNS_COMPARED = "/runs/{first}/diff/{second}"
@@ -35,6 +37,7 @@ class View(StrEnum):
     VALUE = "/surfaces/{kind}/{name}/value"
     PROFILE = "/surfaces/{kind}/{name}/profile"
     SHAPE = "/shape"
+    SHAPE_LAYERS = "/shape/layers"
     SHAPE_LAYER = "/shape/layers/{layer}"
 
 
@@ -69,7 +72,10 @@ class Place(Protocol):
         ...
 
     def file(self, workspace: str, path: str, begin: int, count: int, tag: str) -> Steps[FilePart]:
-        """Return up to `count` bytes of a file from `begin` on; all of it anew if it changed."""
+        """Return up to `count` bytes of a file from `begin` on; all of it anew if it changed.
+
+        `path` is ``files/…`` in the workspace, or ``outputs/…`` of jobs.
+        """
         ...
 
     def uploads(self, workspace: str) -> Steps[list[dict[str, Any]]]:

@@ -65,6 +65,11 @@ class Reading:
         return found
 
     @call
+    def outlines(self, workspace: str, kind: str, *, solution: str = "") -> Steps[dict[str, Any]]:
+        """Return the squares that maplets, mapolas, fused maplets or bigmaps cover on the body."""
+        return (yield from self._view(View.OUTLINES, workspace, kind=kind, solution=solution))
+
+    @call
     def result(self, workspace: str, name: str, *, solution: str = "") -> Steps[dict[str, Any]]:
         """Return ``registration``, ``scale`` or ``manifest`` as its file has it."""
         return (yield from self._view(View.RESULT, workspace, name=name, solution=solution))
@@ -96,6 +101,13 @@ class Reading:
         return (yield from self._view(View.SOLUTIONS_COMPARED, workspace, **names))
 
     @call
+    def outputs(self, workspace: str) -> Steps[list[dict[str, Any]]]:
+        """Return `name` and `bytes` of the files that jobs have written for their users."""
+        content = yield from self._view(View.OUTPUTS, workspace)
+        found: list[dict[str, Any]] = content["outputs"]
+        return found
+
+    @call
     def runs(self, workspace: str) -> Steps[list[dict[str, Any]]]:
         """Return the last run of each stage in each solution, the newest first."""
         found: list[dict[str, Any]] = (yield from self._view(View.RUNS, workspace))["runs"]
@@ -103,13 +115,16 @@ class Reading:
 
     @call
     def run(self, workspace: str, run: str) -> Steps[dict[str, Any]]:
-        """Return a run (``SOLUTION:STAGE``) with its settings, summary, and digests of files."""
+        """Return a run (``SOLUTION:STAGE``): settings, summary, digests, the job to repeat it."""
         return (yield from self._view(View.RUN, workspace, run=run))
 
     @call
-    def runs_compared(self, workspace: str, first: str, second: str) -> Steps[dict[str, Any]]:
-        """Return what differs between two runs."""
-        return (yield from self._view(View.RUNS_COMPARED, workspace, first=first, second=second))
+    def runs_compared(
+        self, workspace: str, first: str, second: str, *, other: str = ""
+    ) -> Steps[dict[str, Any]]:
+        """Return what differs between two runs; `other` is the second's workspace if not this."""
+        names = {"first": first, "second": second, "other": other or None}
+        return (yield from self._view(View.RUNS_COMPARED, workspace, **names))
 
     @call
     def provenance(
@@ -304,6 +319,13 @@ class Reading:
         """
         given = {"facets": facets, "solution": solution or None}
         return mesh_of((yield from self.place.content(View.SHAPE, workspace, given)))
+
+    @call
+    def shape_layers(self, workspace: str, *, solution: str = "") -> Steps[list[dict[str, Any]]]:
+        """Return the layers on the shape, and of which kind of surface each one is taken."""
+        content = yield from self._view(View.SHAPE_LAYERS, workspace, solution=solution)
+        found: list[dict[str, Any]] = content["layers"]
+        return found
 
     @call
     def shape_layer(

@@ -50,7 +50,7 @@ class Remote:
 
     def view(self, view: View, workspace: str, given: Mapping[str, Any]) -> Steps[dict[str, Any]]:
         """Return JSON: a view, of lists all pages."""
-        limit = {"limit": _PAGE} if view in (View.LIST, View.SURFACES) else {}
+        limit = {"limit": _PAGE} if view in (View.LIST, View.SURFACES, View.OUTPUTS) else {}
         return (yield from self._all(_request(view, workspace, {**given, **limit})))
 
     def content(self, view: View, workspace: str, given: Mapping[str, Any]) -> Steps[bytes]:
@@ -62,7 +62,7 @@ class Remote:
 
     def file(self, workspace: str, path: str, begin: int, count: int, tag: str) -> Steps[FilePart]:
         """Return up to `count` bytes of a file from `begin` on; all of it anew if it changed."""
-        place = f"{_workspace(workspace)}/files/{quote(path)}"
+        place = f"{_workspace(workspace)}/{quote(path)}"
         headers = {"Range": f"bytes={begin}-{begin + count - 1}"}
         if tag:
             headers["If-Range"] = tag

@@ -18,7 +18,7 @@ from collections.abc import (
 )
 from dataclasses import dataclass, field
 from functools import update_wrapper
-from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, cast, overload
+from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, overload
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -202,16 +202,18 @@ class _Described:
 
     def __init__(self, steps: Callable[..., Any]) -> None:
         self._steps = steps
-        update_wrapper(cast(Any, self), steps)
         signature = inspect.signature(steps)
-        self.__signature__ = signature.replace(return_annotation=inspect.Signature.empty)
+        # Of `Steps[Result]` the caller gets the result.
+        _, _, result = str(signature.return_annotation).removesuffix("]").partition("[")
+        self._signature = signature.replace(return_annotation=result)
+        steps.__signature__ = self._signature  # type: ignore[attr-defined]
+        steps.__annotations__["return"] = result
 
     def _bound(self, called: Callable[..., Any]) -> Callable[..., Any]:
         """Return `called` with the documentation and the arguments of a method."""
         update_wrapper(called, self._steps)
-        first, *others = self.__signature__.parameters.values()
-        del first
-        called.__signature__ = self.__signature__.replace(parameters=others)  # type: ignore[attr-defined]
+        _, *others = self._signature.parameters.values()
+        called.__signature__ = self._signature.replace(parameters=others)  # type: ignore[attr-defined]
         return called
 
 
@@ -228,10 +230,10 @@ class call(_Described, Generic[Given, Result]):  # noqa: N801  a decorator
         self, session: Awaiting, kind: Any = None
     ) -> Callable[Given, Awaitable[Result]]: ...
     @overload
-    def __get__(self, session: None, kind: Any = None) -> call[Given, Result]: ...
+    def __get__(self, session: None, kind: Any = None) -> Callable[..., Steps[Result]]: ...
     def __get__(self, session: Blocking | Awaiting | None, kind: Any = None) -> Any:
         if session is None:
-            return self
+            return self._steps
         made = self._steps
 
         def called(*args: Given.args, **kwargs: Given.kwargs) -> Any:
@@ -256,10 +258,10 @@ class stream(_Described, Generic[Given, Result]):  # noqa: N801  a decorator
         self, session: Awaiting, kind: Any = None
     ) -> Callable[Given, AsyncIterator[Result]]: ...
     @overload
-    def __get__(self, session: None, kind: Any = None) -> stream[Given, Result]: ...
+    def __get__(self, session: None, kind: Any = None) -> Callable[..., Emitting[Result]]: ...
     def __get__(self, session: Blocking | Awaiting | None, kind: Any = None) -> Any:
         if session is None:
-            return self
+            return self._steps
         made = self._steps
 
         def called(*args: Given.args, **kwargs: Given.kwargs) -> Any:

@@ -22,6 +22,7 @@ __all__ = [
     "json_of",
     "options_model",
     "options_of",
+    "outputs_of",
     "writes_outputs",
     "wrong_usage",
 ]
@@ -133,6 +134,12 @@ def json_of(
 
     chosen = (leaf for leaf in _leaves(options) if given[leaf.name] not in (None, leaf.default))
     return {leaf.json_name: value_of(leaf, given[leaf.name]) for leaf in chosen}
+
+
+def outputs_of(options: type[Any], given: Mapping[str, Any]) -> list[Path]:
+    """Return the files and folders that a command is to write, of options as :func:`json_of`."""
+    marked = (leaf for leaf in _leaves(options) if leaf.mark is Mark.OUTPUT)
+    return [Path(given[leaf.name]) for leaf in marked if given[leaf.name] is not None]
 
 
 def options_model(name: str, options: type[Any], *, solution: bool) -> type[BaseModel]:

@@ -18,6 +18,8 @@ from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.maplets import read_maplet
 from spcola.formats.solution import read_landmark, read_summary
 
+__all__ = ["begin_workspace", "spc_place"]
+
 _FOLDERS: Mapping[str, str] = {
     ".MAP": "MAPFILES",
     ".SIG": "MAPFILES",

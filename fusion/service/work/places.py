@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from fusion.service.state import STATE_FOLDER, outputs_folder, uploads_folder, w
 from fusion.service.store import StoreError, StoreFault, Upload
 from fusion.service.texts import with_texts, without_paths, without_paths_in
 from spcola.errors import InvalidValueError, WorkspaceError
+
+__all__ = ["Desk", "Places", "output_files"]
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,9 @@ class Desk:
 
     def named(self, text: str) -> str:
         """Return a text in which the files of the job have the names that users know."""
-        return text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
+        text = text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
+        uploads = re.escape(str(uploads_folder(self.places.folder)))
+        return re.sub(rf"{uploads}/[A-Za-z0-9_-]+/file/", "", text)
 
     def named_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`named`."""

@@ -38,6 +38,9 @@ def missions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pair = {"image": "A", "epsilon": 1e-4, "local_time_h": 9.5, "longitude_deg": 3.0, "used": True}
     scale = {"epsilon": 1e-4, "epsilon_sigma": 1e-5, "per_pair": [pair], "per_day": [{"day": "x"}]}
     (root / "ball" / "scale.json").write_text(json.dumps(scale))
+    outputs = root / ".service" / "outputs" / "ball" / "kernels"
+    outputs.mkdir(parents=True)
+    (outputs / "a.bc").write_bytes(b"kernel")
     return root
 
 

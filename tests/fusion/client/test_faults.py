@@ -11,16 +11,16 @@ from pathlib import Path
 import httpx
 import pytest
 from command_line import call, called, refused
-from served import make_ball
+from served import MAPLETS, make_ball
 from server_process import ServerProcess
 
 import spcola
-from fusion.client import Session, UnreachableError, VersionWarning, connect, files
+from fusion.client import JobFailedError, Session, UnreachableError, VersionWarning, connect, files
 from fusion.client.steps import Send, run
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.jobs import JobState
 from fusion.service.store import StoreError, UnknownJobError
-from spcola.errors import InvalidValueError, RejectedResultError, WorkspaceError
+from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 
 CONTENT = bytes(range(256)) * 400
 
@@ -95,7 +95,7 @@ def test_a_download_goes_on_and_a_changed_file_begins_anew(
     for number, session in enumerate((remote, local)):
         folder = tmp_path / str(number)
         folder.mkdir()
-        part = session.place.file("ball", "NOMINALS/A.BIN", 0, 1000, "")
+        part = session.place.file("ball", "files/NOMINALS/A.BIN", 0, 1000, "")
         got = run(part, session.doing())
         (folder / f".A.BIN.{got.tag.encode().hex()}.part").write_bytes(b"x" * 500)
         found = session.download("ball", "NOMINALS/A.BIN", folder, progress=False)
@@ -105,6 +105,8 @@ def test_a_download_goes_on_and_a_changed_file_begins_anew(
         assert session.download("ball", "NOMINALS/A.BIN", folder, progress=False) == found
         assert found.read_bytes() == CONTENT
         assert [path.name for path in folder.iterdir()] == ["A.BIN"]
+        (output,) = session.download_output("ball", "kernels", folder / "new", progress=False)
+        assert (output, output.read_bytes()) == (folder / "new" / "a.bc", b"kernel")
         with pytest.raises(RequestRefusedError, match="no such file"):
             session.download("ball", ".items/A.BIN", folder, progress=False)
 
@@ -129,7 +131,11 @@ def test_a_request_that_got_no_answer_makes_one_job(
     remote.wait(job, progress=False)
 
 
-def test_errors_of_a_server_are_those_of_the_command(remote: Session, local: Session) -> None:
+def test_errors_of_a_server_are_those_of_the_command(
+    remote: Session, local: Session, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "a.las"
+    damaged.write_bytes(b"LASF" + bytes(100))
     for session in (remote, local):
         with pytest.raises(UnknownJobError):
             session.job("nothing")
@@ -138,12 +144,19 @@ def test_errors_of_a_server_are_those_of_the_command(remote: Session, local: Ses
         assert missing.value.code is Refusal.NOT_FOUND
         with pytest.raises(InvalidValueError, match="nothing"):
             session.submit("ball", ["mapolas"], nothing=1)
-        job = session.submit("ball", ["nothing"])
-        with pytest.raises((InvalidValueError, WorkspaceError, RejectedResultError)):
+        with pytest.raises(InvalidValueError, match="there is no stage"):
+            session.submit("ball", ["nothing"])
+        job = session.import_scans("ball", [damaged], progress=False)
+        with pytest.raises(FormatError, match=r"a\.las"):
             session.wait(job, progress=False)
-        slow = session.submit("ball", ["mapolas"], force=True)
-        cancelled = session.cancel(slow)
-        assert session.wait(slow, progress=False, check=False).id == cancelled.id
+        first = session.submit("ball", ["mapolas"], force=True)
+        second = session.submit("ball", ["mapolas"], force=True, after=[first])
+        assert session.cancel(second).state is JobState.CANCELLED
+        with pytest.raises(JobFailedError, match="was cancelled"):
+            session.wait(second, progress=False)
+        with pytest.raises(TimeoutError, match="it goes on"):
+            session.wait(first, progress=False, timeout_s=0.0)
+        assert session.wait(first, progress=False).state is JobState.FINISHED
 
 
 def test_tokens_versions_and_addresses_that_are_wrong(
@@ -196,7 +209,11 @@ def test_commands_on_a_server(
     assert "local files" in refused(*there, "look", "ball")
     assert "--workers" in refused(*there, "mapolas", "ball", "--workers", 2)
     assert "no such workspace" in refused(*there, "run", "nothing")
-    jobs = called(*there, "job", "list", "ball")["jobs"]
+    exported = tmp_path / "exported"
+    called(*there, "solution", "export", "ball", "imported", exported)
+    assert len(list((exported / "MAPFILES").iterdir())) == MAPLETS
+    jobs = [one for one in called(*there, "job", "list", "ball")["jobs"] if one["kind"] != "run"]
+    jobs = [one for one in jobs if one["kind"] != "solution-export"]
     assert jobs[0]["kind"] == "forecast"
     assert called(*there, "job", "wait", "ball", jobs[0]["id"])["state"] == "finished"
     scan = tmp_path / "new.txt"

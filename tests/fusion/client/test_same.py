@@ -37,9 +37,11 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("solution", ("ball", "imported"), {}),
     ("solution", ("ball", "nothing"), {}),
     ("solutions_compared", ("ball", "imported", "imported"), {}),
+    ("outputs", ("ball",), {}),
     ("runs", ("ball",), {}),
     ("run", ("ball", "imported:mapolas"), {}),
     ("runs_compared", ("ball", "imported:mapolas", "imported:mapolas"), {}),
+    ("runs_compared", ("ball", "imported:mapolas", "imported:mapolas"), {"other": "nothing"}),
     ("provenance", ("ball", "mapolas/AA0001.MAP"), {}),
     ("tables", ("ball",), {}),
     ("table", ("ball", "registration-mapolas"), {}),
@@ -58,7 +60,10 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("value", (*ONE, 0.5, -0.25), {}),
     ("value", (*ONE, 1e6, 0.0), {}),
     ("profile", (*ONE, (0.0, 0.0), (3.0, 2.0)), {"layers": ("height", "sigma")}),
+    ("outlines", ("ball", "maplet"), {}),
+    ("outlines", ("ball", "nothing"), {}),
     ("shape", ("ball",), {}),
+    ("shape_layers", ("ball",), {}),
     ("shape_layer", ("ball", "sigma"), {}),
 ]
 
@@ -147,8 +152,7 @@ def test_the_calls_are_awaited_in_the_same_way(
 
 
 def test_methods_have_the_arguments_and_the_words_of_the_call(remote: Session) -> None:
-    assert (
-        str(inspect.signature(remote.items))
-        == "(workspace: 'str', kind: 'str', *, solution: 'str' = '')"
-    )
+    found = inspect.signature(remote.items)
+    assert list(found.parameters) == ["workspace", "kind", "solution"]
+    assert found.return_annotation == "list[dict[str, Any]]"
     assert "mapolas" in (inspect.getdoc(Session.items) or "")

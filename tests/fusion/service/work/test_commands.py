@@ -35,6 +35,7 @@ READING = {
     "info", "look", "align", "demo", "run", "solution list", "solution show", "solution diff",
     "truth make", "init",
     "serve start", "serve worker", "serve backup", "serve restore",
+    "job list", "job show", "job wait", "job cancel", "download", "serve settings",
     "serve token add", "serve token list", "serve token revoke",
 }  # fmt: skip
 """Commands that write to no workspace, or whose jobs have parameters of their own."""
