@@ -63,7 +63,11 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
         "spcola sumfiles bennu images.csv --frame ORX_OCAMS_MAPCAM --camera map.toml",
     ),
     ("kernels", states.kernels, "spcola kernels bennu kernels --pck bennu.tpc"),
-    ("download", jobs.download, "spcola --server http://localhost:8080 download bennu"),
+    (
+        "download",
+        jobs.download,
+        "spcola download bennu; spcola --server http://localhost:8080 download bennu",
+    ),
     ("demo", demo.demo, "spcola demo /tmp/demo"),
 )
 
