@@ -125,7 +125,7 @@ def line_of(job: Job) -> str:
 def _session(workspace: Path) -> Iterator[tuple[Session, str]]:
     """Open the folder that is served, and yield it with the name of the workspace."""
     from fusion.client import connect
-    from fusion.service.api.folder import STATE_FOLDER
+    from fusion.service.state import STATE_FOLDER
 
     root = workspace.resolve()
     served = root if (root / STATE_FOLDER).is_dir() else root.parent

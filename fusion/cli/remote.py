@@ -20,12 +20,12 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.commands.json_options import json_of, outputs_of
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind
+from fusion.service.state import WORKSPACE_NAME
 from spcola.errors import SpcolaError
 
 Given = Mapping[str, Any]
 Printed = tuple[Mapping[str, Any], list[str]]
 _RUN = frozenset({"solution", "force", "accept", "only", "within"})
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 # Of the overview, what `info` does not print.
 _FILES = {JobKind.IMPORT: "scan", JobKind.IMAGES: "image"}
 _BEYOND = ("name", "bigmaps", "pairs", "released", "verdicts", "findings", "results")
@@ -73,7 +73,7 @@ def do_remotely(server: str, command: Callable[..., Any], given: Given) -> None:
             named = f"--{name.replace('_', '-')}"
             raise SpcolaError("cannot be given to a server", named, "leave it out")
     workspace = str(given["workspace"] if "workspace" in given else given["path"])
-    if not _NAME.fullmatch(workspace):
+    if not re.fullmatch(WORKSPACE_NAME, workspace):
         do = "give the name alone"
         raise SpcolaError("is no name of a workspace on a server", workspace, do)
     with _connected(server) as session:

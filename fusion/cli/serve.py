@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from fusion.service.upkeep import ServiceSettings
     from fusion.service.work import Supervisor
 
-STATE_FOLDER = ".service"
 _LOCK_FILE = "server.lock"
 _DAY_S = 86_400.0
 
@@ -116,13 +115,14 @@ def start(
 ) -> None:
     """Serve a folder until SIGTERM or Ctrl-C; running items are finished then."""
     from fusion.service.api import Entrance, Service, listening, run_server
+    from fusion.service.state import logs_folder
     from fusion.service.upkeep import Cleaner
     from fusion.service.work import start_log
 
-    with _alone(folder) as state, _traced(telemetry, "server"), _opened(folder, store) as opened:
+    with _alone(folder), _traced(telemetry, "server"), _opened(folder, store) as opened:
         settings = _settings(folder)
         entrance = Entrance.of(host, tuple(name or ()))
-        start_log(state / "logs", "server")
+        start_log(logs_folder(folder), "server")
         _record_recovered(opened, folder)
         with listening(host, port) as listener:
             bound = listener.getsockname()[1]
@@ -136,7 +136,7 @@ def start(
             started = partial(show, content, lines, as_json=as_json)
             crew.start()
             try:
-                with Cleaner(service, state / "logs", settings.keep):
+                with Cleaner(service, logs_folder(folder), settings.keep):
                     run_server(service, entrance, listener, started=started)
             finally:
                 crew.stop()
@@ -150,10 +150,11 @@ def worker(
     telemetry: TelemetryOption = "",
 ) -> None:
     """Run workers alone, as on further hosts with the same folder and a PostgreSQL store."""
+    from fusion.service.state import logs_folder
     from fusion.service.work import start_log
 
     with _traced(telemetry, "workers"), _opened(folder, store) as opened:
-        start_log(folder / STATE_FOLDER / "logs", "workers")
+        start_log(logs_folder(folder), "workers")
         _supervisor(folder, store, workers, cluster, opened).run()
 
 
@@ -245,8 +246,8 @@ def token_revoke(
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[Path]:
-    """Let no second service work on a folder meanwhile; yield the folder of its state."""
+def _alone(folder: Path) -> Iterator[None]:
+    """Let no second service work on a folder meanwhile."""
     from fusion.runtime.folders import locked
     from fusion.runtime.folders.lock import BusyError
 
@@ -257,16 +258,17 @@ def _alone(folder: Path) -> Iterator[Path]:
         except BusyError as error:
             what, do = "another spcola serve serves this folder", "stop it, or use its address"
             raise WorkspaceError(what, folder, do) from error
-        yield state
+        yield
 
 
 @contextmanager
 def _opened(folder: Path, store: str) -> Iterator[Store]:
     _require_packages()
+    from fusion.service.state import STORE_NAME
     from fusion.service.store import Store
 
     state = _made_state_folder(folder)
-    with Store(store or state / "store.sqlite", backups=state) as opened:
+    with Store(store or state / STORE_NAME, backups=state) as opened:
         yield opened
 
 
@@ -300,6 +302,8 @@ def _settings(folder: Path) -> ServiceSettings:
 
 
 def _state_folder(folder: Path) -> Path:
+    from fusion.service.state import STATE_FOLDER
+
     if not folder.is_dir():
         do = "give a folder" if folder.exists() else "create it"
         raise WorkspaceError("is not a folder", folder, do)
@@ -319,6 +323,7 @@ def _made_state_folder(folder: Path) -> Path:
 
 def _supervisor(folder: Path, store: str, count: int, cluster: str, opened: Store) -> Supervisor:
     from fusion.runtime import usable_cores
+    from fusion.service.state import STORE_NAME
     from fusion.service.work import Supervisor, WorkOptions, worker_command
 
     options = WorkOptions(
@@ -326,7 +331,7 @@ def _supervisor(folder: Path, store: str, count: int, cluster: str, opened: Stor
         cluster=cluster,
         limits=_settings(folder).parsers,
     )
-    place = store or _state_folder(folder) / "store.sqlite"
+    place = store or _state_folder(folder) / STORE_NAME
     command = worker_command(folder.resolve(), place, options)
     return Supervisor(command, count, lost=opened.lost)
 

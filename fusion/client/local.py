@@ -17,6 +17,7 @@ from fusion.inspection import describe_solution
 from fusion.runtime import json_value
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.folder import ServedFolder
+from fusion.service.state import outputs_folder
 from fusion.service.views import ListKind, coverage, list_page, overview
 from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
@@ -40,7 +41,7 @@ from fusion.service.views.surfaces import (
     value_at,
 )
 from fusion.service.views.tables import TableFormat, read_table, table_names
-from fusion.service.work.places import output_files, outputs_folder
+from fusion.service.work.places import output_files
 from fusion.workspace import Workspace
 
 _PAGE = 1000

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from fusion.client.steps import Compute, Emit, Emitting, Pause, Steps
 from fusion.runtime import json_value, usable_cores
-from fusion.service.api.folder import STATE_FOLDER, ServedFolder
+from fusion.service.api.folder import ServedFolder
 from fusion.service.api.parameters import check_parameters
 from fusion.service.api.upload_file import UploadFile, clean_name, write_whole
 from fusion.service.jobs import Event, Job, JobRequest, JobState
+from fusion.service.state import STATE_FOLDER, STORE_NAME
 from fusion.service.store import Store, StoreError, StoreFault, Upload
 from fusion.service.store.records import UploadState
 
@@ -197,7 +198,7 @@ class LocalJobs:
         """Open the store, once."""
         with self._lock:
             if self._store is None:
-                self._store = Store(self.folder.root / STATE_FOLDER / "store.sqlite")
+                self._store = Store(self.folder.root / STATE_FOLDER / STORE_NAME)
             return self._store
 
     def _working(self) -> Store:
@@ -209,7 +210,7 @@ class LocalJobs:
             if self._crew is None:
                 root = self.folder.root
                 options = WorkOptions(threads=usable_cores(), poll_s=0.1)
-                path = root / STATE_FOLDER / "store.sqlite"
+                path = root / STATE_FOLDER / STORE_NAME
                 command = worker_command(root, path, options)
                 self._crew = Supervisor(command, 1, lost=store.lost, quiet=True)
                 self._crew.start()

@@ -81,7 +81,7 @@ class Remote:
 
     def uploads(self, workspace: str) -> Steps[list[dict[str, Any]]]:
         """Return the uploads that are open or wait for their import."""
-        content = yield from self.asking.json(Request("GET", _uploads(workspace)))
+        content = yield from self._all(Request("GET", _uploads(workspace), {"limit": _PAGE}))
         found: list[dict[str, Any]] = content["uploads"]
         return found
 

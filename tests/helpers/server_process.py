@@ -10,7 +10,8 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
+from types import TracebackType
+from typing import IO, Any, Self
 
 import httpx
 import psutil
@@ -53,6 +54,17 @@ class ServerProcess:
             printed += line
         self.url = str(json.loads(printed)["url"])
         self.port = int(self.url.rpartition(":")[2].strip("/"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.kill()
 
     def client(self) -> httpx.Client:
         return httpx.Client(base_url=self.url, timeout=60)

@@ -1,5 +1,4 @@
 from .app import create_app as create_app
-from .folder import STATE_FOLDER as STATE_FOLDER
 from .folder import ServedFolder as ServedFolder
 from .guard import Entrance as Entrance
 from .server import listening as listening

@@ -1,61 +1,84 @@
-"""Answers: JSON with an ETag, pages of lists, and the choice of a form."""
+"""Answers: JSON with an ETag, and the choice of a form."""
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
-from urllib.parse import urlencode
 
 from starlette.requests import Request
 from starlette.responses import Response
 
 from fusion.runtime import json_value
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.texts import may_name_paths, without_paths_in
 
 JSON = "application/json"
+_PACKED = {JSON, "text/csv"}
+# A shorter answer is one packet anyway; higher levels take longer than they save.
+_LEAST, _LEVEL = 1024, 5
 
 
 def json_answer(
     request: Request, content: Mapping[str, Any], headers: Mapping[str, str] | None = None
 ) -> Response:
-    """Return JSON content, or 304 if the asker has it already."""
-    text = json.dumps(json_value(content), separators=(",", ":"))
+    """Return JSON content without paths of the machine, or 304 if the asker has it already."""
+    value = json_value(content)
+    text = _text(value)
+    if may_name_paths(text):
+        text = _text(without_paths_in(value, request.app.state.service.root))
     return tagged(request, text.encode("ascii"), JSON, headers)
+
+
+def described(
+    request: Request, content: Mapping[str, Any], headers: Mapping[str, str] | None = None
+) -> Response:
+    """Return JSON content that describes the interface: its paths are those of routes."""
+    return tagged(request, _text(json_value(content)).encode("ascii"), JSON, headers)
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"))
 
 
 def tagged(
     request: Request, body: bytes, media_type: str, headers: Mapping[str, str] | None = None
 ) -> Response:
-    """Return bytes with their digest as ETag, or 304 if the asker has them already."""
-    tag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
-    shared = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization"}
-    shared |= headers or {}
+    """Return bytes with their digest as ETag, or 304 if the asker has them already.
+
+    Long texts are compressed if the asker takes that; their ETag is another one then.
+    """
+    packed = media_type in _PACKED and len(body) >= _LEAST and _takes_gzip(request)
+    tag = f'"{hashlib.sha256(body).hexdigest()[:32]}{"-gzip" * packed}"'
+    shared = {
+        "ETag": tag,
+        "Cache-Control": "private, no-cache",
+        "Vary": "Accept, Accept-Encoding, Authorization",
+        **(headers or {}),
+    }
     if matches(request.headers.get("if-none-match", ""), tag):
         return Response(status_code=304, headers=shared)
+    if packed:
+        body = gzip.compress(body, _LEVEL, mtime=0)
+        shared["Content-Encoding"] = "gzip"
     return Response(body, media_type=media_type, headers=shared)
+
+
+def _takes_gzip(request: Request) -> bool:
+    """Return whether the header Accept-Encoding names gzip, and not in order to refuse it."""
+    for part in request.headers.get("accept-encoding", "").lower().split(","):
+        coding, _, quality = part.replace(" ", "").partition(";")
+        if coding == "gzip":
+            return quality.rstrip("0.") != "q="
+    return False
 
 
 def matches(header: str, tag: str) -> bool:
     """Return whether the header If-None-Match names an ETag."""
     named = [one.strip().removeprefix("W/") for one in header.split(",")]
     return tag in named or "*" in named
-
-
-def page_of(
-    request: Request, names: Sequence[str], after: str, limit: int
-) -> tuple[list[str], dict[str, str]]:
-    """Return the names that follow `after`, at most `limit`, and the header with the next page."""
-    later = sorted(name for name in names if name > after)
-    shown = later[:limit]
-    return shown, next_link(request, "after", shown[-1]) if len(later) > limit else {}
-
-
-def next_link(request: Request, key: str, value: str) -> dict[str, str]:
-    """Return the header that names the next page of a list: the same question with one key set."""
-    query = urlencode({**request.query_params, key: value})
-    return {"Link": f'<{request.url.path}?{query}>; rel="next"'}
 
 
 def accepted(request: Request, offered: Sequence[str]) -> str:

@@ -9,14 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.state import WORKSPACE_NAME, uploads_folder, workspace_place
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.errors import WorkspaceError
 
-__all__ = ["NAME", "STATE_FOLDER", "ServedFolder"]
-
-NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
-"""What the name of a workspace looks like."""
-STATE_FOLDER = ".service"
+__all__ = ["ServedFolder"]
 
 
 @dataclass
@@ -37,7 +34,7 @@ class ServedFolder:
     @property
     def uploads(self) -> Path:
         """The folder of uploads."""
-        return self.root / STATE_FOLDER / "uploads"
+        return uploads_folder(self.root)
 
     @property
     def is_single(self) -> bool:
@@ -49,7 +46,7 @@ class ServedFolder:
         if self.is_single:
             return [self.root.name]
         folders = (path.parent for path in self.root.glob(f"*/{SETTINGS_FILE}"))
-        return sorted(path.name for path in folders if re.fullmatch(NAME, path.name))
+        return sorted(path.name for path in folders if re.fullmatch(WORKSPACE_NAME, path.name))
 
     def folder(self, name: str) -> Path:
         """Return the folder of a workspace.
@@ -59,19 +56,14 @@ class ServedFolder:
         RequestRefusedError
             If there is none of this name.
         """
-        if self.is_single:
-            folder = self.root if name == self.root.name else None
-        else:
-            folder = self.root / name if re.fullmatch(NAME, name) else None
+        folder = workspace_place(self.root, name)
         if folder is None or not (folder / SETTINGS_FILE).is_file():
             raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such workspace", name)
         return folder
 
     def place(self, name: str) -> Path:
         """Return where a workspace lies or may be made; raises RequestRefusedError if nowhere."""
-        if self.is_single or not re.fullmatch(NAME, name):
-            return self.folder(name)
-        return self.root / name
+        return workspace_place(self.root, name) or self.folder(name)
 
     def workspace(self, name: str, solution: str = "") -> Workspace:
         """Open a workspace; raises RequestRefusedError if there is none of this name."""

@@ -20,6 +20,7 @@ from fusion.service.api.errors import CODES, Refusal, RequestRefusedError
 from fusion.service.api.records import request_id
 from fusion.service.faults import fault_of
 from fusion.service.store import StoreError
+from fusion.service.texts import without_paths
 from spcola.errors import SpcolaError, printable
 
 MEDIA_TYPE = "application/problem+json"
@@ -54,8 +55,12 @@ def problem_response(request: Request, error: Exception) -> Response:
         content = {"detail": "no space is left on the disk", "do": "free some, and try again"}
     elif status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         _LOG.error("unexpected error", exc_info=error, extra={"request": request_id(request)})
-    root = str(request.app.state.service.root)
-    texts = {key: _without_path(text, root) for key, text in content.items() if text is not None}
+    root = request.app.state.service.root
+    texts = {
+        key: printable(without_paths(text, root))
+        for key, text in content.items()
+        if text is not None
+    }
     headers = {"WWW-Authenticate": "Bearer"} if status is HTTPStatus.UNAUTHORIZED else {}
     wait = getattr(error, "retry_after_s", None) or (5.0 if status.value == 503 else None)
     if wait is not None:
@@ -122,8 +127,3 @@ def _invalid(request: Request, errors: Sequence[Any]) -> RequestRefusedError:
     elif where == "body" and "json" not in request.headers.get("content-type", ""):
         what, do = "is not JSON", "send it with the header Content-Type: application/json"
     return RequestRefusedError(Refusal.INVALID, what, where, do)
-
-
-def _without_path(text: str, root: str) -> str:
-    """Return a text in which files of the service are named from its folder on."""
-    return printable(text.replace(f"{root}/", "").replace(root, "the service's folder"))

@@ -15,9 +15,10 @@ from starlette.requests import Request
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import EventFeed
-from fusion.service.api.folder import STATE_FOLDER, ServedFolder
+from fusion.service.api.folder import ServedFolder
 from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
 from fusion.service.api.records import Metrics
+from fusion.service.state import STATE_FOLDER
 from fusion.service.store import Store, Token
 from fusion.service.views.surfaces import LayerCache
 from fusion.workspace import Workspace
@@ -43,6 +44,8 @@ class Limits:
         All of these together.
     user_quota_bytes : int
         Uploads of one user that are not imported yet, in all workspaces.
+    outputs_bytes : int
+        Outputs of jobs in a workspace; jobs that would write more are refused beyond it.
     requests_per_s, request_burst : float, int
         Of a token or an address, in the long run and at once.
     failures_per_s, failure_burst : float, int
@@ -60,6 +63,7 @@ class Limits:
     uploads: int = 10_000
     quota_bytes: int = 1 << 40
     user_quota_bytes: int = 1 << 40
+    outputs_bytes: int = 1 << 38
     requests_per_s: float = 200.0
     request_burst: int = 1000
     failures_per_s: float = 0.2

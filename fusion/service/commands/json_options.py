@@ -23,6 +23,7 @@ __all__ = [
     "options_model",
     "options_of",
     "outputs_of",
+    "writes_outputs",
     "wrong_usage",
 ]
 
@@ -163,6 +164,11 @@ def options_model(name: str, options: type[Any], *, solution: bool) -> type[Base
         content[leaf.json_name] = (leaf.json_type, Field(default, description=about))
     model: type[BaseModel] = create_model(name, __config__=_CONFIG, **content)
     return model
+
+
+def writes_outputs(options: type[Any]) -> bool:
+    """Return whether a command writes files for its user, outside of the workspace."""
+    return any(leaf.mark is Mark.OUTPUT for leaf in _leaves(options))
 
 
 def options_of(

@@ -72,9 +72,9 @@ def check_usable(pipeline: Pipeline, runs: Sequence[StageRun]) -> None:
 
 
 def apply_scale_of(
-    pipeline: Pipeline, name: str, *, force: bool = False
+    pipeline: Pipeline, name: str, *, force: bool = False, job: str = ""
 ) -> tuple[StageRun, AppliedScale]:
-    """Bring the scale up to date, and make the scaled solution."""
+    """Bring the scale up to date, and make the scaled solution: the same `job` makes one only."""
     from fusion.stages.scale import apply_scale
     from fusion.workspace.solution_records import check_name
 
@@ -83,4 +83,5 @@ def apply_scale_of(
     ran = pipeline.run_stage("scale", force=force)
     check_usable(pipeline, [ran])
     codes = pipeline.settings.accept.codes
-    return ran, apply_scale(pipeline.workspace, name, pipeline.progress, accepted=codes)
+    applied = apply_scale(pipeline.workspace, name, pipeline.progress, accepted=codes, job=job)
+    return ran, applied

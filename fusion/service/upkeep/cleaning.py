@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from fusion.service.api import Service
 from fusion.service.api.errors import RequestRefusedError
 from fusion.service.jobs import JobState
+from fusion.service.state import outputs_folder
 from fusion.service.store import AuditEntry, StoreError, Upload
 from fusion.service.store.records import UploadState
 from fusion.service.store.store import LAST_CLEANING
@@ -78,6 +80,7 @@ class Cleaner:
         store, ages = self._service.store, self._ages
         removed = {
             "uploads": self._remove_uploads(ages.uploads_days * _DAY_S),
+            "outputs": self._remove_outputs(ages.outputs_days * _DAY_S),
             "events": store.retention.remove_events(ages.events_days * _DAY_S),
             "jobs": store.retention.remove_jobs(ages.jobs_days * _DAY_S),
             "audit": store.retention.remove_entries(ages.audit_days * _DAY_S),
@@ -121,9 +124,20 @@ class Cleaner:
         jobs = self._service.store.jobs(states=_UNENDED, limit=_MOST_JOBS)
         named: set[str] = set()
         for job in jobs:
-            for value in job.request.parameters.values():
-                named.update(map(str, value if isinstance(value, list | tuple) else [value]))
+            # What it writes begins with a dot and its id.
+            named |= {f".{job.id}", *_texts(job.request.parameters)}
         return named
+
+    def _remove_outputs(self, age_s: float) -> int:
+        """Remove outputs that were written long ago, and what lost workers left of theirs."""
+        before = self._clock() - age_s
+        old = [
+            path
+            for path in outputs_folder(self._service.root, "").glob("*/*")
+            if _written(path) < before
+        ]
+        needed = self._needed() if old else set()
+        return sum(_remove(path) for path in old if path.name not in needed)
 
     def _remove_logs(self, age_s: float) -> int:
         count = 0
@@ -133,3 +147,31 @@ class Cleaner:
                     path.unlink()
                     count += 1
         return count
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in JSON; of ``name/file`` the name as well, which is that of an output."""
+    if isinstance(value, str):
+        yield from (value, value.partition("/")[0])
+    parts = value.values() if isinstance(value, Mapping) else value
+    for part in parts if isinstance(parts, Iterable) and not isinstance(parts, str) else ():
+        yield from _texts(part)
+
+
+def _written(path: Path) -> float:
+    """Return when a file, or the last one in a folder, was written; never if it is gone."""
+    try:
+        times = [each.lstat().st_mtime for each in (path, *path.rglob("*"))]
+    except OSError:
+        return math.inf
+    return max(times)
+
+
+def _remove(path: Path) -> bool:
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+        return True
+    return False

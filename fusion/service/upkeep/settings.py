@@ -31,6 +31,8 @@ class Ages:
         Entries of the audit log.
     uploads_days : float
         Uploads to which nothing was added, and complete ones that no job waits for.
+    outputs_days : float
+        Outputs of jobs since they were written, but for those that a job waits for.
     logs_days : float
         Files in ``.service/logs`` that nobody writes to any more.
     """
@@ -39,6 +41,7 @@ class Ages:
     events_days: float = 90.0
     audit_days: float = 730.0
     uploads_days: float = 14.0
+    outputs_days: float = 365.0
     logs_days: float = 90.0
 
     def __post_init__(self) -> None:

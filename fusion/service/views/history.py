@@ -270,10 +270,24 @@ def _runs(workspace: Workspace) -> dict[str, dict[str, Any]]:
             identity = f"{solution.name}:{record.stage}"
             found[identity] = {
                 **json_value(asdict(record)),
+                "inputs": _named(record.inputs),
                 "id": identity,
                 "solution": solution.name,
                 "settings_digest": content_digest(json_value(record.settings)),
             }
+    return found
+
+
+def _named(inputs: Mapping[str, str]) -> dict[str, str]:
+    """Return inputs (digest by name) as users know them: those outside by their last part alone.
+
+    Where files of several folders have the same name, part of the digest is added.
+    """
+    found: dict[str, str] = {}
+    for name, digest in inputs.items():
+        shown = PurePosixPath(name).name if name.startswith("/") else name
+        same = found.get(shown, digest) == digest
+        found[shown if same else f"{shown} ({digest[:8]})"] = digest
     return found
 
 

@@ -118,7 +118,8 @@ def epsilon_table(workspace: Workspace) -> dict[str, Any]:
 
 def _match(entry: Mapping[str, Any]) -> dict[str, Any]:
     """Return one mapola of the registration."""
-    center, residual = _vector(entry["center_m"]), _vector(entry["residual_m"])
+    # Where nothing could be registered, no match has a residual.
+    center, residual = _vector(entry["center_m"]), _vector(entry.get("residual_m") or [None] * 3)
     south, east, up = MapletGrid.facing(center, center, 1.0, 1).axes @ residual
     towards = {"residual_east_m": east, "residual_north_m": -south, "residual_up_m": up}
     found = {key: entry[key] for key in _KEPT if key in entry}

@@ -113,7 +113,8 @@ def _run(assignment: Assignment, given: RunParameters) -> dict[str, Any]:
 def _scale_apply(assignment: Assignment, given: ApplyParameters) -> dict[str, Any]:
     """Make a scaled solution, as ``spcola scale --apply`` does."""
     pipeline = _pipeline(assignment, given)
-    ran, applied = apply_scale_of(pipeline, given.name, force=given.force)
+    # A worker that was lost may have made it, and not have recorded that.
+    ran, applied = apply_scale_of(pipeline, given.name, force=given.force, job=assignment.job.id)
     for line in (_line(ran), *applied.lines()):
         assignment.report.note(line)
     return {**ran.as_json(), "applied": applied.as_dict()}

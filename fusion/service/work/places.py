@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +13,12 @@ from typing import Any
 from fusion.runtime.folders import make_folder
 from fusion.service.commands.fields import Mark
 from fusion.service.commands.json_options import Output
+from fusion.service.state import STATE_FOLDER, outputs_folder, uploads_folder, workspace_place
 from fusion.service.store import StoreError, StoreFault, Upload
-from fusion.workspace import SETTINGS_FILE
+from fusion.service.texts import with_texts, without_paths, without_paths_in
 from spcola.errors import InvalidValueError, WorkspaceError
 
-__all__ = ["STATE_FOLDER", "Desk", "Places", "output_files", "outputs_folder"]
-
-STATE_FOLDER = ".service"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+__all__ = ["Desk", "Places", "output_files"]
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,7 @@ class Places:
         WorkspaceError
             If it would lie anywhere else than in the folder of the service.
         """
-        if (self.folder / SETTINGS_FILE).is_file():
-            root = self.folder if name == self.folder.name else None
-        else:
-            root = self.folder / name if _NAME.fullmatch(name) else None
+        root = workspace_place(self.folder, name)
         if root is None or root.resolve() != root:
             raise WorkspaceError("there is no such workspace in the service", repr(name[:80]))
         return root
@@ -79,7 +74,7 @@ class Places:
             if error.code is StoreFault.UNKNOWN_UPLOAD:
                 raise none from error
             raise
-        path = self.folder / STATE_FOLDER / "uploads" / record.id / "file" / Path(record.name).name
+        path = uploads_folder(self.folder) / record.id / "file" / Path(record.name).name
         if record.workspace != workspace or path.resolve() != path or not path.is_file():
             raise none
         return path
@@ -124,11 +119,11 @@ class Places:
 
     def without_folder(self, text: str) -> str:
         """Return a text in which files are named from the folder of the service on."""
-        return text.replace(f"{self.folder}/", "").replace(str(self.folder), self.folder.name)
+        return without_paths(text, self.folder)
 
     def without_folder_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`without_folder`."""
-        return with_texts(value, self.without_folder)
+        return without_paths_in(value, self.folder)
 
 
 def output_files(folder: Path, workspace: str) -> dict[str, int]:
@@ -141,11 +136,6 @@ def output_files(folder: Path, workspace: str) -> dict[str, int]:
         for name, path in names
         if not name.parts[0].startswith(".")
     }
-
-
-def outputs_folder(folder: Path, workspace: str) -> Path:
-    """Return where jobs in a workspace write what is not a part of it."""
-    return folder / STATE_FOLDER / "outputs" / workspace
 
 
 @dataclass(frozen=True)
@@ -215,18 +205,9 @@ class Desk:
     def named(self, text: str) -> str:
         """Return a text in which the files of the job have the names that users know."""
         text = text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
-        uploads = re.escape(str(self.places.folder / STATE_FOLDER / "uploads"))
+        uploads = re.escape(str(uploads_folder(self.places.folder)))
         return re.sub(rf"{uploads}/[A-Za-z0-9_-]+/file/", "", text)
 
     def named_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`named`."""
         return with_texts(value, self.named)
-
-
-def with_texts(value: Any, change: Callable[[str], str]) -> Any:
-    """Return a value in JSON types with all texts changed; paths become texts."""
-    if isinstance(value, Mapping):
-        return {key: with_texts(part, change) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [with_texts(part, change) for part in value]
-    return change(str(value)) if isinstance(value, str | Path) else value

@@ -13,11 +13,11 @@ from pathlib import Path
 
 from fusion.runtime.children import end_with_parent
 from fusion.runtime.processes import ProcessLimits
+from fusion.service.state import logs_folder
 from fusion.service.store import Store
 from fusion.service.tracing import start_tracing
 from fusion.service.work.logs import start_log
 from fusion.service.work.options import WorkOptions
-from fusion.service.work.places import STATE_FOLDER
 from fusion.service.work.worker import work
 
 STORE_VARIABLE = "SPCOLA_STORE"
@@ -64,7 +64,7 @@ def run_worker(
     beat : callable
         As of :func:`work`.
     """
-    start_log(folder / STATE_FOLDER / "logs", name)
+    start_log(logs_folder(folder), name)
     with start_tracing(name), Store(store) as opened:
         work(opened, folder, options, name=name, upload=opened.uploads.get, beat=beat)
 

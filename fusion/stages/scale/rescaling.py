@@ -9,10 +9,17 @@ from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
 from fusion.pipeline.catalog import file_digest, read_record
-from fusion.pipeline.solutions import MadeBy, free_name, making_solution, solution_files
+from fusion.pipeline.solutions import (
+    MadeBy,
+    free_name,
+    making_solution,
+    solution_files,
+    solutions_of,
+)
 from fusion.runtime import Progress, json_value
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.solution_records import SolutionRecord
 from spcola.control import (
     scaled,
 )
@@ -127,7 +134,12 @@ def usable_epsilon(
 
 
 def apply_scale(
-    workspace: Workspace, name: str, progress: Progress, *, accepted: Iterable[str] = ()
+    workspace: Workspace,
+    name: str,
+    progress: Progress,
+    *,
+    accepted: Iterable[str] = (),
+    job: str = "",
 ) -> AppliedScale:
     """Make a solution whose lengths are 1 + ε of ``scale.json`` times those of the workspace's.
 
@@ -143,6 +155,9 @@ def apply_scale(
     progress : Progress
     accepted : iterable of str
         Codes of accepted findings.
+    job : str, optional
+        What asks for it, as the solution's record has it: the same one again gets the solution that
+        it made before.
 
     Raises
     ------
@@ -153,6 +168,9 @@ def apply_scale(
     FormatError
         If a file of the solution is damaged.
     """
+    scaled_files = _scaled_files(workspace)
+    if (made := _made_by_job(workspace, job)) is not None:
+        return _applied(made.name, workspace, made.facts, scaled_files)
     where = workspace.scale_path
     content = workspace.read_json(where.name)
     epsilon, sigma = usable_epsilon(content, where, accepted)
@@ -162,37 +180,52 @@ def apply_scale(
     body: dict[str, Any] = {"faces_from": 1}
     if settings.body.mean_radius_m:
         body["mean_radius_m"] = factor * settings.body.mean_radius_m
-    facts = {"epsilon": epsilon, "epsilon_sigma": sigma, "accepted": sorted(set(accepted))}
+    facts: dict[str, Any] = {
+        "epsilon": epsilon, "epsilon_sigma": sigma, "accepted": sorted(set(accepted)),
+        **({"job": job} if job else {}),
+    }  # fmt: skip
     record = read_record(workspace, "scale")
     made_by = MadeBy(
         "spcola scale --apply", {"body": body}, facts, {where.name: file_digest(where)},
         {} if record is None else record.settings,
     )  # fmt: skip
     with making_solution(workspace, chosen, made_by) as folder:
-        written = _written(workspace, folder, factor, progress)
-    made = replace(workspace, solution=chosen).home
-    return AppliedScale(chosen, workspace.solution, made, epsilon, sigma, written)
+        for part, files in scaled_files.items():
+            with progress.task(f"scale {part}", len(files)) as task:
+                for path, write in files:
+                    write(path, folder / part / path.name, factor)
+                    task.advance()
+    return _applied(chosen, workspace, facts, scaled_files)
 
 
-def _written(
-    workspace: Workspace, folder: Path, factor: float, progress: Progress
-) -> dict[str, int]:
-    """Write all files with lengths into `folder`; return how many, by folder."""
+def _made_by_job(workspace: Workspace, job: str) -> SolutionRecord | None:
+    """Return the solution that a job has made already, before its worker was lost."""
+    records = solutions_of(workspace).records if job else ()
+    return next((one for one in records if one.facts.get("job") == job), None)
+
+
+def _applied(
+    name: str, workspace: Workspace, facts: Mapping[str, Any], scaled_files: _ScaledFiles
+) -> AppliedScale:
+    """Return what was made from the solution of `workspace`."""
+    made = replace(workspace, solution=name).home
+    written = {folder: len(files) for folder, files in scaled_files.items()}
+    epsilon, sigma = facts["epsilon"], facts["epsilon_sigma"]
+    return AppliedScale(name, workspace.solution, made, epsilon, sigma, written)
+
+
+def _scaled_files(workspace: Workspace) -> _ScaledFiles:
+    """Return all files with lengths, by folder, each with the function that scales it."""
     body = workspace.settings().body
-    written: dict[str, int] = {}
-    for name, paths in solution_files(workspace).items():
-        found = [(path, _writer(path, body)) for path in paths]
-        scaled = [(path, write) for path, write in found if write is not None]
-        with progress.task(f"scale {name}", len(scaled)) as task:
-            for path, write in scaled:
-                write(path, folder / name / path.name, factor)
-                task.advance()
-        if scaled:
-            written[name] = len(scaled)
-    return written
+    found = {
+        name: [(path, write) for path in paths if (write := _writer(path, body)) is not None]
+        for name, paths in solution_files(workspace).items()
+    }
+    return {name: files for name, files in found.items() if files}
 
 
 Write = Callable[[Path, Path, float], None]
+_ScaledFiles = Mapping[str, list[tuple[Path, Write]]]
 
 
 def _writer(path: Path, body: BodySettings) -> Write | None:

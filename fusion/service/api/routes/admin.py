@@ -11,7 +11,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from fusion.service.api.access import ADMIN, Routes
-from fusion.service.api.answers import json_answer, next_link
+from fusion.service.api.answers import json_answer
+from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.service import service_of
 from fusion.service.store import Scope
 
@@ -39,10 +40,11 @@ class TokenRequest(BaseModel):
 
 
 @routes.add("GET", "/tokens", ADMIN)
-def tokens(request: Request) -> Response:
+def tokens(request: Request, after: After = "", limit: Limit = 100) -> Response:
     """List all tokens, without their secrets."""
     found = service_of(request).store.tokens.all()
-    return json_answer(request, {"tokens": [asdict(token) for token in found]})
+    shown, more = page_of(request, found, after, limit, lambda token: token.id)
+    return json_answer(request, {"tokens": [asdict(token) for token in shown]}, more)
 
 
 @routes.add("POST", "/tokens", ADMIN, status_code=201)
@@ -75,7 +77,7 @@ def audit(
     workspace: Annotated[str, Query(max_length=64)] = "",
     user: Annotated[str, Query(max_length=64)] = "",
     before: Annotated[int, Query(ge=0, le=1 << 62)] = 0,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    limit: Limit = 100,
 ) -> Response:
     """List who did what, the newest first."""
     log = service_of(request).store.audit

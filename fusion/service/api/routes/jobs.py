@@ -11,21 +11,23 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from fusion.service.api.access import KNOWN, READ, READ_JOB, RUN, RUN_JOB, Routes, caller_of
-from fusion.service.api.answers import json_answer, next_link
+from fusion.service.api.answers import described, json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import stream
+from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.parameters import check_parameters
-from fusion.service.api.service import service_of
+from fusion.service.api.service import Service, service_of
+from fusion.service.commands.json_options import writes_outputs
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind, JobRequest, JobState
 from fusion.service.store import Scope, UnknownJobError
 from fusion.service.work.parameters import EXAMPLES, PARAMETERS
+from fusion.service.work.places import output_files
 
 routes = Routes("/api/v1", "jobs")
 _MOST_EVENTS = 1000
 
 Before = Annotated[str, Query(max_length=64, description="Last job of the page before.")]
-Limit = Annotated[int, Query(ge=1, le=1000, description="Jobs on a page.")]
 States = Annotated[list[JobState], Query(description="Only jobs in these states.")]
 Key = Annotated[
     str,
@@ -66,8 +68,9 @@ class ForecastRequest(BaseModel):
 
 
 @routes.add("GET", "/job-kinds", KNOWN)
-def kinds(request: Request) -> Response:
+def kinds(request: Request, after: After = "", limit: Limit = 100) -> Response:
     """List the kinds of jobs: the command that does the same, JSON schema and example."""
+    shown, more = page_of(request, [kind.value for kind in JobKind], after, limit)
     found = [
         {
             "kind": kind,
@@ -75,9 +78,9 @@ def kinds(request: Request) -> Response:
             "parameters": PARAMETERS[kind].model_json_schema(),
             "example": EXAMPLES[kind],
         }
-        for kind in JobKind
+        for kind in map(JobKind, shown)
     ]
-    return json_answer(request, {"kinds": found})
+    return described(request, {"kinds": found}, more)
 
 
 _OTHERS = {
@@ -221,11 +224,23 @@ def submitted(
     follows = any(service.store.job(one).request.workspace == workspace for one in before)
     uploads = service.store.uploads
     check_parameters(service, uploads, workspace, kind, parameters, follows=follows)
+    _check_outputs(service, workspace, kind)
     user = caller_of(request).name
     job = service.store.submit(JobRequest(kind, workspace, user, parameters, **asked))
     answer = json_answer(request, job.as_json(), {"Location": f"/api/v1/jobs/{job.id}"})
     answer.status_code = 202
     return answer
+
+
+def _check_outputs(service: Service, workspace: str, kind: JobKind) -> None:
+    """Refuse a job that writes outputs where there are too many already."""
+    if kind in COMMANDS and writes_outputs(COMMANDS[kind].options):
+        there = sum(output_files(service.root, workspace).values())
+        if there >= service.limits.outputs_bytes:
+            what = f"outputs of {there} bytes are there already"
+            raise RequestRefusedError(
+                Refusal.OVER_QUOTA, what, workspace, "download and remove some"
+            )
 
 
 def _check_before(request: Request, jobs: list[str]) -> None:

@@ -6,21 +6,20 @@ import shutil
 from typing import Annotated
 
 from fastapi import Path as PathPart
-from fastapi import Query
 from starlette.requests import Request
 from starlette.responses import Response
 
 from fusion.service.api.access import READ, RUN, Routes
-from fusion.service.api.answers import json_answer, page_of
+from fusion.service.api.answers import json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.files import file_answer
+from fusion.service.api.pages import After, Limit, page_of
 from fusion.service.api.service import service_of
-from fusion.service.work.places import output_files, outputs_folder
+from fusion.service.state import outputs_folder
+from fusion.service.work.places import output_files
 
 routes = Routes("/api/v1/workspaces/{workspace}/outputs", "outputs")
 
-After = Annotated[str, Query(max_length=300, description="Last name of the page before.")]
-Limit = Annotated[int, Query(ge=1, le=1000, description="Files on a page.")]
 Name = Annotated[str, PathPart(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]{0,127}$")]
 
 
@@ -30,7 +29,7 @@ def outputs(request: Request, workspace: str, after: After = "", limit: Limit = 
     service = service_of(request)
     service.folder(workspace)
     sizes = output_files(service.root, workspace)
-    shown, more = page_of(request, list(sizes), after, limit)
+    shown, more = page_of(request, sorted(sizes), after, limit)
     return json_answer(
         request, {"outputs": [{"name": name, "bytes": sizes[name]} for name in shown]}, more
     )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 import spcola
 from fusion.service.api.access import KNOWN, PUBLIC, READ_ALL, Routes
-from fusion.service.api.answers import json_answer
+from fusion.service.api.answers import described
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.service import service_of
 
@@ -48,5 +46,4 @@ def metrics(request: Request) -> Response:
 @routes.add("GET", "/api/v1/openapi.json", KNOWN)
 def openapi(request: Request) -> Response:
     """Return the description of this interface."""
-    described: dict[str, Any] = request.app.openapi()
-    return json_answer(request, described)
+    return described(request, request.app.openapi())

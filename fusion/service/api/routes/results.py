@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from operator import itemgetter
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,8 +15,10 @@ from fusion.inspection import describe_solution
 from fusion.service.api.access import READ, Routes, caller_of
 from fusion.service.api.answers import accepted, json_answer, tagged
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.pages import After, Limit, page_of
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.store import Scope
+from fusion.service.texts import without_paths_in
 from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
     provenance,
@@ -51,10 +55,17 @@ def products(request: Request, workspace: str, solution: Solution = "") -> Respo
 
 
 @routes.add("GET", "/tables", READ)
-def tables(request: Request, workspace: str, solution: Solution = "") -> Response:
+def tables(
+    request: Request,
+    workspace: str,
+    after: After = "",
+    limit: Limit = 100,
+    solution: Solution = "",
+) -> Response:
     """List the tables of a workspace."""
     with opened_for(request, workspace, solution) as opened:
-        return json_answer(request, {"tables": table_names(opened)})
+        shown, more = page_of(request, table_names(opened), after, limit)
+    return json_answer(request, {"tables": shown}, more)
 
 
 @routes.add("GET", "/tables/{name}", READ, responses=_TABLE)
@@ -62,7 +73,9 @@ def table(request: Request, workspace: str, name: str, solution: Solution = "") 
     """Return a table in the form that Accept names: JSON, CSV, an Arrow stream or Parquet."""
     form = TableFormat(accepted(request, [form.value for form in TableFormat]))
     with opened_for(request, workspace, solution) as opened:
-        return tagged(request, read_table(opened, name).as_bytes(form), form.value)
+        found = read_table(opened, name)
+    shown = replace(found, columns=without_paths_in(found.columns, service_of(request).root))
+    return tagged(request, shown.as_bytes(form), form.value)
 
 
 @routes.add("GET", "/registration/residuals", READ)
@@ -80,10 +93,12 @@ def scale_epsilon(request: Request, workspace: str, solution: Solution = "") -> 
 
 
 @routes.add("GET", "/solutions", READ)
-def solutions(request: Request, workspace: str) -> Response:
+def solutions(request: Request, workspace: str, after: After = "", limit: Limit = 100) -> Response:
     """Return the solutions, each with its parent, and which one is in use."""
     with opened_for(request, workspace) as opened:
-        return json_answer(request, solution_tree(opened))
+        tree = solution_tree(opened)
+    shown, more = page_of(request, tree["solutions"], after, limit, itemgetter("name"))
+    return json_answer(request, {**tree, "solutions": shown}, more)
 
 
 @routes.add("GET", "/solutions/{name}", READ)
@@ -101,10 +116,11 @@ def difference(request: Request, workspace: str, first: str, second: str) -> Res
 
 
 @routes.add("GET", "/runs", READ)
-def runs(request: Request, workspace: str) -> Response:
+def runs(request: Request, workspace: str, after: After = "", limit: Limit = 100) -> Response:
     """List the last run of each stage in each solution, the newest first."""
     with opened_for(request, workspace) as opened:
-        return json_answer(request, {"runs": run_list(opened)})
+        shown, more = page_of(request, run_list(opened), after, limit, itemgetter("id"))
+    return json_answer(request, {"runs": shown}, more)
 
 
 @routes.add("GET", "/runs/{run}", READ)

@@ -12,8 +12,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from fusion.service.api.access import READ, Routes
-from fusion.service.api.answers import json_answer, matches, page_of
+from fusion.service.api.answers import json_answer, matches
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.pages import After, page_of
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.views.outlines import same_place
 from fusion.service.views.surfaces import (
@@ -78,7 +79,7 @@ def surfaces(
     request: Request,
     workspace: str,
     kind: SurfaceKind | None = None,
-    after: Annotated[str, Query(max_length=300)] = "",
+    after: After = "",
     limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
     solution: Solution = "",
 ) -> Response:
@@ -86,8 +87,8 @@ def surfaces(
     kinds = SurfaceKind if kind is None else (kind,)
     with opened_for(request, workspace, solution) as opened:
         every = [(one.value, name) for one in kinds for name in surface_names(opened, one)]
-    shown, more = page_of(request, ["/".join(one) for one in every], after, limit)
-    found = [dict(zip(("kind", "name"), one.split("/", 1), strict=True)) for one in shown]
+    shown, more = page_of(request, sorted(every), after, limit, "/".join)
+    found = [dict(zip(("kind", "name"), one, strict=True)) for one in shown]
     return json_answer(request, {"surfaces": found}, more)
 
 

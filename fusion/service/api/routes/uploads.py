@@ -19,6 +19,7 @@ from starlette.responses import Response
 from fusion.service.api.access import READ, RUN, Routes, caller_of
 from fusion.service.api.answers import json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.pages import After, Limit, page_of
 from fusion.service.api.service import Service, service_of
 from fusion.service.api.upload_file import UploadFile, clean_name, write_whole
 from fusion.service.store import StoreError, StoreFault, Upload
@@ -80,12 +81,13 @@ def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Respo
 
 
 @routes.add("GET", "", READ)
-def uploads(request: Request, workspace: str) -> Response:
+def uploads(request: Request, workspace: str, after: After = "", limit: Limit = 100) -> Response:
     """List the uploads of a workspace that are open or wait for their import."""
     service = service_of(request)
     service.place(workspace)
     found = service.store.uploads.kept(workspace)
-    return json_answer(request, {"uploads": [_json(upload) for upload in found]})
+    shown, more = page_of(request, found, after, limit, lambda upload: upload.id)
+    return json_answer(request, {"uploads": [_json(upload) for upload in shown]}, more)
 
 
 @routes.add("HEAD", "/{upload}", READ)

@@ -9,14 +9,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import Request
 from starlette.responses import Response
 
+from fusion.pipeline.catalog import CATALOG_FILE
 from fusion.service.api.access import ADMIN, KNOWN, READ, Routes, caller_of
-from fusion.service.api.answers import json_answer, next_link, page_of
+from fusion.service.api.answers import json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.files import file_answer
-from fusion.service.api.folder import NAME
+from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.routes.jobs import submitted
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.jobs import JobKind
+from fusion.service.state import WORKSPACE_NAME
 from fusion.service.store import Scope
 from fusion.service.views import ListKind, coverage, list_page, overview
 from fusion.service.views.outlines import outlines
@@ -24,9 +26,10 @@ from fusion.service.views.surfaces import SurfaceKind
 
 routes = Routes("/api/v1/workspaces", "workspaces")
 
+# They name where files lie on the machine; the routes of runs and provenance give what is in them.
+_NOTES = {"provenance", CATALOG_FILE, f"{CATALOG_FILE}-wal", f"{CATALOG_FILE}-shm"}
+
 Solution = Annotated[str, Query(max_length=100, description="By default the one in use.")]
-After = Annotated[str, Query(max_length=300, description="Last name of the page before.")]
-Limit = Annotated[int, Query(ge=1, le=1000, description="Items on a page.")]
 
 
 class WorkspaceRequest(BaseModel):
@@ -36,7 +39,7 @@ class WorkspaceRequest(BaseModel):
         extra="forbid", json_schema_extra={"examples": [{"name": "bennu", "body": "Bennu"}]}
     )
 
-    name: str = Field(pattern=f"^{NAME}$")
+    name: str = Field(pattern=f"^{WORKSPACE_NAME}$")
     body: str = Field(default="body", min_length=1, max_length=100)
 
 
@@ -91,7 +94,12 @@ def workspace_outlines(
 
 @routes.add("GET", "/{workspace}/files/{path:path}", READ)
 def workspace_file(request: Request, workspace: str, path: str) -> Response:
-    """Return a file of a workspace, or a range of its bytes. Links and hidden files are none."""
+    """Return a file of a workspace, or a range of its bytes.
+
+    Links, hidden files, and what the program notes for itself are none.
+    """
+    if path.partition("/")[0] in _NOTES:
+        raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such file", path)
     return file_answer(request, service_of(request).folder(workspace), path)
 
 

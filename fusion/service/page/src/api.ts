@@ -110,6 +110,15 @@ export async function getAll<T>(path: string, key: string, asked: Asked = {}): P
   return found;
 }
 
+/** Return a JSON object whose list `key` has the entries of all pages. */
+export async function getWhole<T>(path: string, key: keyof T & string, asked: Asked = {}): Promise<T> {
+  const answer = await ask(path, asked);
+  const content = (await answer.json()) as T;
+  const next = nextOf(answer);
+  const others = next === null ? [] : await getAll<unknown>(next, key, asked);
+  return { ...content, [key]: [...(content[key] as unknown[]), ...others] };
+}
+
 /** Return the address of the next page of a list; null at its end. */
 export function nextOf(answer: Response): string | null {
   return /<([^>]+)>;\s*rel="next"/.exec(answer.headers.get("Link") ?? "")?.[1] ?? null;

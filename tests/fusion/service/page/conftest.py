@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import sync_playwright
-from serving import serving
+from server_process import ServerProcess
 
 from fusion.service.page import is_built
 
@@ -30,8 +30,8 @@ def folder(by_command: tuple[Path, dict], tmp_path_factory: pytest.TempPathFacto
 @pytest.fixture(scope="module")
 def served(folder: Path) -> Iterator[str]:
     """The URL of a running service."""
-    with serving(folder) as (_, url):
-        yield url
+    with ServerProcess(folder) as server:
+        yield server.url
 
 
 @pytest.fixture(scope="module")

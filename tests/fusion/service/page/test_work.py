@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 from command_line import called
 from playwright.sync_api import expect
-from serving import serving
+from server_process import ServerProcess
 
 PATIENCE_MS = 60_000
 
@@ -93,8 +93,8 @@ def test_a_download_is_the_file(page: Any) -> None:
 def test_a_token_is_asked_for_and_kept_in_the_tab(chromium: Any, tmp_path: Path) -> None:
     called("init", tmp_path / "moon", "--body", "Moon")
     secret = called("serve", "token", "add", tmp_path, "ann")["secret"]
-    with serving(tmp_path, "--name", "spcola.example", "--workers", 0) as (_, url):
-        context = chromium.new_context(base_url=url)
+    with ServerProcess(tmp_path, "--name", "spcola.example", "--workers", "0") as server:
+        context = chromium.new_context(base_url=server.url)
         page = context.new_page()
         page.goto("/#/moon/overview")
         page.get_by_label("Token").fill("wrong")

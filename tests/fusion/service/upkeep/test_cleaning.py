@@ -19,7 +19,7 @@ from fusion.service.upkeep import Ages, Cleaner, ServiceSettings, read_settings,
 from spcola.errors import SettingsError
 
 DAY = 86_400.0
-AGES = Ages(jobs_days=10.0, events_days=5.0, audit_days=20.0, uploads_days=3.0, logs_days=4.0)
+AGES = Ages(10.0, 5.0, 20.0, uploads_days=3.0, outputs_days=6.0, logs_days=4.0)
 
 
 class Clock:
@@ -73,6 +73,25 @@ def test_uploads_that_were_given_up_go(service: Service, clock: Clock) -> None:
     assert store.audit.entries()[0].details["uploads"] == 1
 
 
+def test_outputs_that_nobody_waits_for_go(service: Service, clock: Clock) -> None:
+    ages = {
+        "kernels": 9, "old.toml": 9, "needed.toml": 9, "new.toml": 5, ".lost": 9
+    }  # fmt: skip
+    folder = service.root / ".service" / "outputs" / "ball"
+    for name, days in ages.items():
+        path = folder / name / "a.tf" if "." not in name else folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+        for one in (path, folder / name):
+            os.utime(one, (clock() - days * DAY,) * 2)
+    parameters = {"camera": {"output": "needed.toml"}, "uploads": ["x"]}
+    job = service.store.submit(JobRequest(JobKind.IMAGES, "ball", "ann", parameters))
+    (folder / f".{job.id}").mkdir()
+    os.utime(folder / f".{job.id}", (clock() - 9 * DAY,) * 2)
+    assert cleaner(service, clock).clean()["outputs"] == 3
+    assert {path.name for path in folder.iterdir()} == {"needed.toml", "new.toml", f".{job.id}"}
+
+
 def test_logs_of_ended_processes_go(service: Service, clock: Clock) -> None:
     logs = service.root / "logs"
     logs.mkdir()
@@ -81,7 +100,7 @@ def test_logs_of_ended_processes_go(service: Service, clock: Clock) -> None:
         os.utime(logs / name, (clock() - days * DAY,) * 2)
     assert cleaner(service, clock).clean()["logs"] == 2
     assert {path.name for path in logs.iterdir()} == {"new.jsonl", "notes.txt"}
-    never = Ages(*[math.inf] * 5)
+    never = Ages(*[math.inf] * 6)
     clock.pass_days(10_000.0)
     assert not any(cleaner(service, clock, never).clean().values())
 

@@ -14,6 +14,7 @@ from command_line import called
 from damage import files_in
 from distributed import LocalCluster
 from served import Service
+from star_cruise import Cruise, check_calibration
 
 from fusion.cli.app import app
 from fusion.service.commands.table import COMMANDS
@@ -196,6 +197,26 @@ def test_states_by_a_table_and_an_output_of_an_earlier_job(
         "invalid-value",
         "output 'none.toml': is no output of an earlier job",
     )
+
+
+def test_a_camera_from_stars(service: Service, tmp_path: Path) -> None:
+    cruise = Cruise(tmp_path)
+    files = {
+        "camera": tmp_path / "nominal.toml", "catalogue": tmp_path / "sky.csv",
+        "attitudes": cruise.attitudes(), "stars": cruise.positions(),
+    }  # fmt: skip
+    uploads = {key: service.upload(path.name, path.read_bytes()) for key, path in files.items()}
+    job = service.submit(JobKind.CAMERA_CALIBRATE, **uploads, out="nac.toml")
+    service.work()
+    options = [
+        part for key in ("catalogue", "attitudes", "stars") for part in (f"--{key}", files[key])
+    ]
+    printed = called("camera", "calibrate", files["camera"], *options, "-o", tmp_path / "nac.toml")
+    done = finished(service, job)
+    out = service.folder / ".service" / "outputs" / "ball" / "nac.toml"
+    check_calibration(done, out)
+    assert out.read_bytes() == (tmp_path / "nac.toml").read_bytes()
+    assert done == printed | {"out": "outputs/nac.toml"}
 
 
 def test_a_meta_kernel_leads_to_no_other_file(service: Service, tmp_path: Path) -> None:

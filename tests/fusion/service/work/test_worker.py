@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,17 @@ import pytest
 from command_line import called
 from damage import TINY, files_in
 from served import MAPLETS, OPTIONS, Service
+from server_process import wait_for
 
 import fusion.runtime.cluster
+from fusion.runtime.children import ProcessExecutor
 from fusion.runtime.processes import ProcessLimits
 from fusion.service.jobs import Job, JobKind, JobRequest, JobState
-from fusion.service.work import Supervisor, worker_command
+from fusion.service.work import Places, Supervisor, worker_command
+from fusion.service.work.kinds import Assignment, perform_job
+from fusion.service.work.report import JobReport
 from fusion.truth import make_mission
+from fusion.workspace.solution_records import derived_names
 
 Items = Callable[[], dict[str, int]]
 
@@ -39,24 +45,19 @@ def check_same(service: Service, job: Job, by_command: tuple[Path, dict]) -> Non
 
 
 @contextmanager
-def as_soon_as(ready: Callable[[], object], act: Callable[[], object]) -> Iterator[None]:
+def as_soon_as(
+    ready: Callable[[], object], act: Callable[[], object], seconds: float = 60.0
+) -> Iterator[None]:
     """Act from a thread once something is there."""
 
     def watch() -> None:
-        wait_for(ready)
+        wait_for(ready, seconds)
         act()
 
     thread = threading.Thread(target=watch)
     thread.start()
     yield
     thread.join()
-
-
-def wait_for(ready: Callable[[], object], seconds: float = 60.0) -> None:
-    until = time.monotonic() + seconds
-    while not ready():
-        assert time.monotonic() < until
-        time.sleep(0.005)
 
 
 @pytest.mark.parametrize("how", ["cancelled", "drained"])
@@ -233,8 +234,45 @@ def test_a_workspace_is_made_from_uploads(service: Service) -> None:
     assert [path.read_bytes() for path in there] == [path.read_bytes() for path in solution]
 
 
+def check_made_once(service: Service, codes: list[str]) -> None:
+    """Assert that a job whose worker is lost before it records its solution makes no second one."""
+    job = service.submit(JobKind.SCALE_APPLY, accept=codes)
+    places = Places(service.folder, service.store.uploads.get)
+    service.store.claim("lost", 60.0)
+    with ProcessExecutor(1) as executor:
+        first = perform_job(Assignment(job, places, executor, JobReport(job, lambda _: None)))
+    service.store.lost("lost")
+    service.work()
+    done = service.store.job(job.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert done.result["applied"] == places.without_folder_in(first["applied"])
+    assert derived_names(service.workspace) == ["s1", "scaled-1"]
+
+
+def cancelled_in_each_stage(service: Service) -> list[str]:
+    """Run all stages, and cancel the job in the middle of each one; return in which it was."""
+    stages: list[str] = []
+    while True:
+        job = service.submit()
+
+        def in_the_middle(job: Job = job) -> bool:
+            now = service.store.job(job.id)
+            progress = now.progress
+            return now.state.ended or (progress.done > 0 and progress.stage not in stages)
+
+        with as_soon_as(in_the_middle, partial(service.store.cancel, job.id), seconds=300.0):
+            service.work(threads=1)
+        ended = service.store.job(job.id)
+        if ended.state is not JobState.CANCELLED:
+            assert ended.state is JobState.FINISHED, ended.error
+            return stages
+        stages.append(ended.progress.stage)
+
+
 @pytest.mark.slow
-def test_a_whole_run_is_that_of_the_command_to_the_bit(service: Service, tmp_path: Path) -> None:
+def test_a_run_that_was_cancelled_in_each_stage_is_that_of_the_command_to_the_bit(
+    service: Service, tmp_path: Path
+) -> None:
     mission = tmp_path / "mission"
     make_mission(mission, settings=TINY)
     shutil.rmtree(service.workspace)
@@ -242,13 +280,10 @@ def test_a_whole_run_is_that_of_the_command_to_the_bit(service: Service, tmp_pat
         called("init", root, "--spc", mission / "spc", "--body", "Truth")
         called("import", root, *sorted((mission / "lidar").iterdir()))
     printed = called("run", tmp_path / "ball")
-    job = service.submit()
-    service.work()
-    done = service.store.job(job.id)
-    assert done.state is JobState.FINISHED, done.error
-    assert [one["state"] for one in done.result["stages"]] == [
-        one["state"] for one in printed["stages"]
-    ]
+    # The import has done the first stage, and the body has one site of a bigmap.
+    stages = {"mapolas", "register", "fuse", "scale", "release"}
+    assert stages <= set(cancelled_in_each_stage(service))
+    assert {one["state"] for one in printed["stages"]} == {"ran", "up to date"}
     assert files_in(tmp_path / "ball") == files_in(service.workspace)
     findings = json.loads((tmp_path / "ball" / "scale.json").read_text())["findings"]
     codes = [one["code"] for one in findings]
@@ -269,3 +304,4 @@ def test_a_whole_run_is_that_of_the_command_to_the_bit(service: Service, tmp_pat
     assert done.state is JobState.FINISHED, done.error
     assert json.loads(json.dumps(done.result))["models"] == printed["models"]
     assert (service.folder / ".service" / "outputs" / "ball" / "truth.html").is_file()
+    check_made_once(service, codes)

@@ -1,5 +1,5 @@
 // Products of the release, the report, and tables, to be downloaded.
-import { ApiProblem, getJson, pathOf } from "../api";
+import { ApiProblem, getAll, getJson, pathOf } from "../api";
 import { element, fill } from "../dom";
 import { downloadLink, filePath } from "../download";
 import { bytes, count } from "../format";
@@ -32,7 +32,7 @@ export const products: View = {
   async open(root, { workspace }, signal) {
     const [manifest, tables] = await Promise.all([
       releaseOf(workspace, signal),
-      getJson<{ tables: string[] }>(pathOf(workspace, "tables"), { signal }),
+      getAll<string>(pathOf(workspace, "tables"), "tables", { signal }),
     ]);
     fill(
       root,
@@ -52,7 +52,7 @@ export const products: View = {
                 element("span", { class: "links" }, ...FORMS.map(([title, type, ending]) => downloadLink(pathOf(workspace, "tables", name), `${workspace}-${name}.${ending}`, title, type))),
             },
           ],
-          tables.tables,
+          tables,
         ),
       ),
     );

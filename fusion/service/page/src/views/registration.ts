@@ -1,5 +1,5 @@
 // Residuals of the registration: where, how large, and which matches were rejected.
-import { getJson, pathOf } from "../api";
+import { getAll, getJson, pathOf } from "../api";
 import { element, fill } from "../dom";
 import { degrees, metres, number } from "../format";
 import { labelled } from "../look";
@@ -67,7 +67,7 @@ export const registration: View = {
 };
 
 async function scanTable(workspace: string, signal: AbortSignal): Promise<ScanTable | null> {
-  const { tables } = await getJson<{ tables: string[] }>(pathOf(workspace, "tables"), { signal });
+  const tables = await getAll<string>(pathOf(workspace, "tables"), "tables", { signal });
   if (!tables.includes("registration-scans")) return null;
   return getJson<ScanTable>(pathOf(workspace, "tables", "registration-scans"), { signal });
 }

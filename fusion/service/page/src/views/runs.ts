@@ -1,5 +1,5 @@
 // Runs of stages: the last ones, one with its settings and files, two compared; where a file comes from.
-import { getJson, pathOf } from "../api";
+import { getAll, getJson, pathOf } from "../api";
 import { element, fill, type Child } from "../dom";
 import { count, moment } from "../format";
 import { hrefOf, type Route, type View } from "../router";
@@ -48,7 +48,7 @@ export const runs: View = {
 };
 
 async function showRuns(root: HTMLElement, { workspace }: Route, signal: AbortSignal): Promise<void> {
-  const found = (await getJson<{ runs: Run[] }>(pathOf(workspace, "runs"), { signal })).runs;
+  const found = await getAll<Run>(pathOf(workspace, "runs"), "runs", { signal });
   const options = (chosen: number): HTMLElement[] => found.map(({ id }, k) => element("option", { value: id, selected: k === chosen }, id));
   const first = element("select", { id: "first" }, ...options(0));
   const second = element("select", { id: "second" }, ...options(1));

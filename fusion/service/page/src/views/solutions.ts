@@ -1,5 +1,5 @@
 // The solutions of a workspace as a tree, and how two of them differ.
-import { getJson, pathOf } from "../api";
+import { getJson, getWhole, pathOf } from "../api";
 import { element, fill, type Child } from "../dom";
 import { count, degrees, metres, moment, number, partsPerMillion } from "../format";
 import { hrefOf, type Route, type View } from "../router";
@@ -50,7 +50,7 @@ const ROWS: [key: string, title: string, show: (value: number | null) => string]
 export const solutions: View = {
   title: "Solutions",
   async open(root, route, signal) {
-    const tree = await getJson<Tree>(pathOf(route.workspace, "solutions"), { signal });
+    const tree = await getWhole<Tree>(pathOf(route.workspace, "solutions"), "solutions", { signal });
     const place = element("section", { "aria-labelledby": "difference", "aria-live": "polite" });
     fill(
       root,

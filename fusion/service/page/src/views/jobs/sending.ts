@@ -1,5 +1,5 @@
 // A file sent in parts; it goes on where it was after a broken connection or a new visit.
-import { ApiProblem, ask, getJson, pathOf, send } from "../../api";
+import { ApiProblem, ask, getAll, pathOf, send } from "../../api";
 import { digestOf } from "./digest";
 
 export interface Upload {
@@ -28,7 +28,7 @@ export async function sendFile(
 ): Promise<Upload> {
   const sha256 = await digestOf(file, signal, (share) => onStep("checksum", share));
   const path = pathOf(workspace, "uploads");
-  const { uploads } = await getJson<{ uploads: Upload[] }>(path, { signal });
+  const uploads = await getAll<Upload>(path, "uploads", { signal });
   const same = uploads.find((one) => one.sha256 === sha256 && one.size === file.size && one.kind === kind);
   if (same?.state === "complete") return same;
   const upload = same ?? (await send<Upload>("POST", path, { name: file.name, size: file.size, sha256, kind }, { signal }));

@@ -1,5 +1,5 @@
 // A new run: choose, see what it will take, submit.
-import { ApiProblem, events, getJson, pathOf, send } from "../../api";
+import { ApiProblem, events, getJson, getWhole, pathOf, send } from "../../api";
 import { element, fill } from "../../dom";
 import { hrefOf, type Route } from "../../router";
 import { inOrder, state } from "../../stages";
@@ -12,7 +12,7 @@ export async function showSubmission(root: HTMLElement, route: Route, signal: Ab
   const { workspace } = route;
   const [found, tree] = await Promise.all([
     getJson<Overview>(pathOf(workspace), { signal }),
-    getJson<{ solutions: { name: string }[]; in_use: string }>(pathOf(workspace, "solutions"), { signal }),
+    getWhole<{ solutions: { name: string }[]; in_use: string }>(pathOf(workspace, "solutions"), "solutions", { signal }),
   ]);
   const boxes = inOrder(Object.keys(found.stages)).map((name) => ({ name, box: element("input", { type: "checkbox", value: name }) }));
   const solution = element(

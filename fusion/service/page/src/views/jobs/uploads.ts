@@ -1,5 +1,5 @@
 // Files from this computer to the workspace: sent in parts, then imported by a job.
-import { getJson, pathOf, send } from "../../api";
+import { getAll, pathOf, send } from "../../api";
 import { element, fill } from "../../dom";
 import { bytes, moment } from "../../format";
 import { hrefOf, type Route } from "../../router";
@@ -78,7 +78,7 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
   }
 
   async function refresh(): Promise<void> {
-    const { uploads } = await getJson<{ uploads: Upload[] }>(pathOf(workspace, "uploads"), { signal });
+    const uploads = await getAll<Upload>(pathOf(workspace, "uploads"), "uploads", { signal });
     fill(
       place,
       element("h2", { id: "there" }, "Arrived"),
