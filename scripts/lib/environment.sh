@@ -47,6 +47,8 @@ fingerprint() {
 
 make_environment() {
     local python fingerprint=$1
+    # The folder it leads to is that of another checkout, and would be emptied.
+    [[ ! -L "$VENV" ]] || fail "$VENV is a link; remove it: each checkout has its own environment"
     python=$(find_python) || exit 1
     if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
         # A machine as bare as that lacks the libraries of open3d too: all is named at once.
