@@ -150,12 +150,12 @@ def vertex_layer(
         there = ", ".join(SHAPE_LAYERS)
         raise InvalidValueError(f"the shape has no layer {layer!r}", do=f"there are: {there}")
     kept = cache or LayerCache()
-    there = _first_there(workspace, SHAPE_LAYERS[layer])
-    key = (stamp_of(workspace.shape_path()), facets, layer, _state(workspace, there))
+    chosen = _first_there(workspace, SHAPE_LAYERS[layer])
+    key = (stamp_of(workspace.shape_path()), facets, layer, _state(workspace, chosen))
 
     def make() -> dict[Hashable, AnyArray]:
         mesh = shape_mesh(workspace, facets, cache=kept)
-        surfaces = [each for kind, _ in there for each in open_surfaces(workspace, kind, kept)]
+        surfaces = [each for kind, _ in chosen for each in open_surfaces(workspace, kind, kept)]
         return {"": _interpolated(mesh, surfaces, layer)}
 
     return kept.find(key, "", make)

@@ -141,6 +141,7 @@ def turning(browser: Any, url: str, name: str, seconds: float) -> None:
     with fresh(browser, url) as opened:
         opened.open(f"/#/{name}/body")
         page = opened.page
+        shown = float(page.locator(".view").get_attribute("data-shown-ms"))
         page.wait_for_selector(".view[data-frame-ms]", timeout=1e3 * PATIENCE_S)
         root = page.locator(".view")
         whole = 1e3 / float(root.get_attribute("data-frame-ms"))
@@ -152,6 +153,7 @@ def turning(browser: Any, url: str, name: str, seconds: float) -> None:
             "return about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : 'unknown'; })()"
         )
     print(f"turning {name}: {drawn}")
+    print(f"    its coarse mesh is seen after {shown / 1e3:.2f} s")
     print(f"    all {counts[0]} facets: {whole:.1f} frames a second")
     print(f"    as shown while it turns ({counts[1]} facets where all are too slow): ", end="")
     print(f"{frames:.1f} frames a second (to reach with a GPU: {LIMIT_FRAMES:g})", flush=True)

@@ -26,5 +26,6 @@ export function inOrder(names: string[]): string[] {
 
 /** Return a state as a word with its tone; the word alone says all. */
 export function state(word: string): HTMLElement {
-  return element("span", { class: `state ${TONES[word] ?? "warn"}` }, word);
+  // A long reason may be cut where there is little room.
+  return element("span", { class: `state ${TONES[word] ?? "warn"}`, title: word.length > 40 ? word : undefined }, word);
 }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
 from page_views import serious
 from playwright.sync_api import expect
 
@@ -31,14 +30,17 @@ def opened(page: Any, address: str) -> Any:
     return page
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_views_are_accessible(page: Any, scheme: str) -> None:
-    page.emulate_media(color_scheme=scheme)
+def test_views_are_accessible_and_usable_on_a_tablet(page: Any) -> None:
     found = []
     for address, heading in VIEWS.items():
         opened(page, address)
         expect(page.locator("h1")).to_have_text(heading)
-        found += [(address, *fault) for fault in serious(page)]
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            found += [(address, scheme, *fault) for fault in serious(page)]
+        page.set_viewport_size({"width": 820, "height": 1180})
+        assert page.evaluate("document.documentElement.scrollWidth") <= 820, address
+        page.set_viewport_size({"width": 1280, "height": 800})
     assert not found
 
 
@@ -66,10 +68,3 @@ def test_the_keyboard_reaches_content_and_views(page: Any) -> None:
 def test_problems_are_shown_in_one_line(page: Any) -> None:
     opened(page, "/none/overview")
     expect(page.get_by_role("alert")).to_have_text("none: there is no such workspace")
-
-
-def test_it_is_usable_on_a_tablet(page: Any) -> None:
-    page.set_viewport_size({"width": 820, "height": 1180})
-    for address in VIEWS:
-        opened(page, address)
-        assert page.evaluate("document.documentElement.scrollWidth") <= 820, address

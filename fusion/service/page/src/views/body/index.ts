@@ -130,6 +130,7 @@ class BodyPage {
     this.turn(this.look);
     await this.show(this.controls.look, true);
     this.root.dataset.ready = "true";
+    this.root.dataset.shownMs = performance.now().toFixed(0);
     await Promise.all(chosenOf(this.route).map((kind) => this.outline(kind, true)));
   }
 

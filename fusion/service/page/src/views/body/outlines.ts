@@ -3,6 +3,8 @@ import { BufferAttribute, BufferGeometry, GLSL3, LineSegments, ShaderMaterial, V
 import { cellOf, type BodyMesh } from "./mesh";
 import { LINE_FRAGMENT, LINE_VERTEX } from "./shaders";
 
+const MANY = 400;
+
 type Triple = [number, number, number];
 
 /** What the route "outlines" answers. */
@@ -61,7 +63,9 @@ export function linesOf(squares: Outline[], mesh: BodyMesh, ink: [number, number
     glslVersion: GLSL3,
     vertexShader: LINE_VERTEX,
     fragmentShader: LINE_FRAGMENT,
-    uniforms: { eye: { value: new Vector3() }, ink: { value: ink } },
+    // Many lines would hide what they lie on.
+    uniforms: { eye: { value: new Vector3() }, ink: { value: ink }, opacity: { value: squares.length > MANY ? 0.3 : 1 } },
+    transparent: true,
     depthTest: false,
   });
   const lines = new LineSegments(geometry, material);

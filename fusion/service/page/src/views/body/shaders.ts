@@ -73,8 +73,9 @@ export const LINE_FRAGMENT = /* glsl */ `
 precision highp float;
 in float vFacing;
 uniform vec3 ink;
+uniform float opacity;
 out vec4 colour;
 void main() {
   if (vFacing < 0.12) discard;
-  colour = vec4(ink, 1.0);
+  colour = vec4(ink, opacity);
 }`;

@@ -34,6 +34,7 @@ const LAYERS: Record<string, Layer> = {
 };
 const SHOWN = "returns,maplets,bigmaps";
 const NEAR_PX = 14;
+const MANY = 400;
 const MARGIN = { left: 38, right: 10, top: 8, bottom: 22 };
 
 /** Show the coverage of a workspace; which layers are shown is in the address. */
@@ -141,9 +142,12 @@ function drawMap(canvas: HTMLCanvasElement, found: Coverage, shown: Set<string>,
   context.strokeStyle = themed("--ground");
   context.lineWidth = 3.5;
   context.setLineDash([]);
-  paths.forEach((path) => context.stroke(path));
-  context.lineWidth = 1.5;
+  const many = drawn.map(([name]) => found[name as SurfaceLayer | "images"].name.length > MANY);
+  paths.forEach((path, k) => many[k] || context.stroke(path));
   drawn.forEach(([, layer], k) => {
+    // Many lines would hide what they lie on.
+    context.lineWidth = many[k] ? 0.5 : 1.5;
+    context.globalAlpha = many[k] ? 0.45 : 1;
     context.strokeStyle = themed(layer.colour!);
     context.setLineDash(layer.dash ?? []);
     context.stroke(paths[k]!);
