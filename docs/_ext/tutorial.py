@@ -2,7 +2,7 @@
 
 Every ``console`` block of the pages is run in its order, in a folder that `conf.py` names. What the
 commands leave there is what figures and examples are made of. A command that fails ends the build.
-One that ends with ``&`` runs until the end of its page. Python files next to the pages are there, too.
+One that ends with ``&`` runs until its page ends. Python files next to the pages are there, too.
 Nothing is run again as long as the pages and the program stay as they are.
 """
 
