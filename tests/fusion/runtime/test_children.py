@@ -117,8 +117,9 @@ def run(item):
     # An interpreter's lock that is never given up.
     print(os.getpid(), file=sys.stderr, flush=True)
     return 10 ** (10 ** 8) if item else 0
-list(ProcessExecutor(2).stream(run, [int(sys.argv[1])] * 2))
-time.sleep(60)
+with ProcessExecutor(2) as executor:
+    list(executor.stream(run, [int(sys.argv[1])] * 2))
+    time.sleep(60)
 """
 
 
