@@ -5,8 +5,12 @@ import { bytes, count, duration, moment } from "../../format";
 import { hrefOf, type Route } from "../../router";
 import { inOrder, state } from "../../stages";
 import { facts, table } from "../../table";
+import { TITLES } from "./kinds";
 import { progressBar, spent } from "./progress";
 import { ended, type Job, type Progress, type StageForecast } from "./values";
+
+/** Parameters that name what a job writes for its user. */
+const WRITING = ["out", "folder", "report"];
 
 interface StageResult {
   stage: string;
@@ -87,6 +91,8 @@ export async function showJob(root: HTMLElement, route: Route, id: string, signa
           `${job.error.item ? `Item ${job.error.item}: ` : ""}${job.error.text} (${job.error.code})`,
         ),
       button && element("p", {}, button),
+      ended(job) && job.kind in TITLES && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["new", job.kind], { again: job.id }) }, "Again, with changes")),
+      job.state === "finished" && WRITING.some((name) => job.parameters[name]) && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["outputs"]) }, "Outputs of jobs")),
     );
     if (focused && button) button.focus();
   }
