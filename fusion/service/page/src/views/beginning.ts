@@ -4,12 +4,14 @@ import { element, fill } from "../dom";
 import { count } from "../format";
 import { hrefOf } from "../router";
 import { newKey, problem } from "./jobs/submission";
+import { uploadsOf } from "./jobs/sending";
 import { transfer } from "./jobs/transfer";
 import type { Job } from "./jobs/values";
 
 const LISTS = ["PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT"];
 const FOLDERS = ["MAPFILES", "LMKFILES", "SUMFILES", "IMAGEFILES", "NOMINALS"];
 const RECORD = "solution.json";
+const AT_ONCE = 4;
 
 /** The files of an SPC working folder that a job takes, its shape, and whether it has several. */
 export interface SpcFolder {
@@ -48,7 +50,7 @@ export function newWorkspace(signal: AbortSignal): HTMLElement {
   const unit = element("select", { id: "new-unit" }, element("option", {}, "km"), element("option", {}, "m"));
   const button = element("button", { type: "submit", class: "main" }, "Make");
   const answer = element("div", { role: "status" });
-  const steps = element("ul", { class: "steps" });
+  const steps = element("div");
 
   async function make(event: Event): Promise<void> {
     event.preventDefault();
@@ -67,16 +69,27 @@ export function newWorkspace(signal: AbortSignal): HTMLElement {
 
   async function submit(files: File[], given: File | null): Promise<void> {
     const all = [...files.map((file) => ({ file, kind: "spc" })), ...(given ? [{ file: given, kind: "shape" }] : [])];
-    const ids: Record<string, string[]> = { spc: [], shape: [] };
-    for (const [k, { file, kind }] of all.entries()) {
-      fill(answer, element("p", { class: "quiet" }, `File ${count(k + 1)} of ${count(all.length)} …`));
-      const sent = await transfer(name.value, file, kind, steps, signal);
-      if (!sent) throw new Error("A file was not sent: choose Make again, and the others need not be sent again.");
-      ids[kind]!.push(sent.id);
-      // A folder may have thousands: only what failed stays in the list.
-      fill(steps);
-    }
-    const parameters = { body: body.value, uploads: ids.spc, shape: ids.shape![0] ?? null, shape_unit: unit.value };
+    const target = { workspace: name.value, uploads: await uploadsOf(name.value, signal), signal };
+    const ids: string[] = [];
+    let done = 0;
+    // Small files wait for answers, not for the line: some at a time.
+    const rest = all.entries();
+    const sender = async (): Promise<void> => {
+      for (const [k, { file, kind }] of rest) {
+        const own = element("ul", { class: "steps" });
+        steps.append(own);
+        const sent = await transfer(target, file, kind, own);
+        if (!sent) throw new Error("A file was not sent: choose Make again; the others need not be sent again.");
+        own.remove();
+        ids[k] = sent.id;
+        fill(answer, element("p", { class: "quiet" }, `${count(++done)} of ${count(all.length)} files are sent.`));
+      }
+    };
+    await Promise.all(Array.from({ length: AT_ONCE }, sender));
+    const parameters = {
+      body: body.value, shape_unit: unit.value,
+      uploads: ids.slice(0, files.length), shape: given ? ids.at(-1)! : null,
+    };
     const job = await send<Job>("POST", pathOf(name.value, "jobs"), { kind: "init", parameters }, { signal, headers: { "Idempotency-Key": newKey() } });
     fill(answer, "The workspace is being made: ", element("a", { href: hrefOf(name.value, "jobs", [job.id]) }, "its job"));
   }

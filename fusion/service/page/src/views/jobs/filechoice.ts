@@ -1,7 +1,7 @@
 // A choice among the files of a workspace: uploads, outputs of jobs, or files sent on the spot.
 import { element, fill } from "../../dom";
 import { bytes } from "../../format";
-import type { Upload } from "./sending";
+import type { Target } from "./sending";
 import { transfer } from "./transfer";
 
 /** A file as a job takes it: the id of an upload, or an output. */
@@ -11,11 +11,8 @@ export interface Output {
   bytes: number;
 }
 /** What there is to choose from; files that are sent are added. */
-export interface Store {
-  workspace: string;
-  uploads: Upload[];
+export interface Store extends Target {
   outputs: Output[];
-  signal: AbortSignal;
 }
 export interface Control {
   element: HTMLElement;
@@ -35,7 +32,7 @@ export function fileChoice(id: string, kind: string, store: Store, several: bool
   async function send(): Promise<void> {
     sending.disabled = true;
     for (const file of sending.files ?? []) {
-      const upload = await transfer(store.workspace, file, kind, steps, store.signal);
+      const upload = await transfer(store, file, kind, steps);
       if (!upload) continue;
       if (!store.uploads.some((one) => one.id === upload.id)) store.uploads.push(upload);
       if (!several) chosen.clear();

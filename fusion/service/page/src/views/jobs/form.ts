@@ -5,7 +5,7 @@ import { hrefOf, type Route } from "../../router";
 import { control, FieldProblem, unitOf } from "./fields";
 import type { Control, Output, Store } from "./filechoice";
 import { kindsOf, OF_NEW, OPEN, TITLES, uploadKind, type Kind, type Schema } from "./kinds";
-import type { Upload } from "./sending";
+import { uploadsOf } from "./sending";
 import { newKey, problem } from "./submission";
 import type { Job } from "./values";
 
@@ -101,7 +101,7 @@ export async function showForm(root: HTMLElement, route: Route, name: string, si
 /** Return what there is to choose from in a workspace. */
 async function storeOf(workspace: string, signal: AbortSignal): Promise<Store> {
   const [uploads, outputs] = await Promise.all([
-    getAll<Upload>(pathOf(workspace, "uploads"), "uploads", { signal }),
+    uploadsOf(workspace, signal),
     getAll<Output>(pathOf(workspace, "outputs"), "outputs", { signal }),
   ]);
   return { workspace, uploads, outputs, signal };

@@ -113,14 +113,15 @@ function stateLine(content: JobEvent["content"]): string {
 }
 
 function resultOf(job: Job): HTMLElement | null {
-  const { forecast, stages } = job.result as { forecast?: Record<string, StageForecast>; stages?: StageResult[] };
+  const { forecast, stages } = job.result as { forecast?: Record<string, StageForecast>; stages?: unknown };
   if (forecast) return element("div", {}, element("h2", { id: "result" }, "Forecast"), forecastTable(forecast));
   if (!Object.keys(job.result).length) return null;
   return element(
     "div",
     {},
     element("h2", { id: "result" }, "Result"),
-    stages &&
+    // The description of a new workspace has states of stages by their names.
+    Array.isArray(stages) &&
       table<StageResult>(
         "Stages of the run",
         [
@@ -129,7 +130,7 @@ function resultOf(job: Job): HTMLElement | null {
           { title: "Time", number: true, cell: (one) => duration(one.seconds) },
           { title: "Reason", cell: (one) => one.reason },
         ],
-        stages,
+        stages as StageResult[],
       ),
     element("details", {}, element("summary", {}, "As JSON"), element("pre", { tabindex: 0 }, JSON.stringify(job.result, null, 2))),
   );

@@ -1,12 +1,12 @@
 // Files from this computer to the workspace: sent in parts, then imported by a job.
-import { getAll, pathOf, send } from "../../api";
+import { pathOf, send } from "../../api";
 import { element, fill } from "../../dom";
 import { bytes, moment } from "../../format";
 import { hrefOf, type Route } from "../../router";
 import { state } from "../../stages";
 import { table } from "../../table";
 import { TITLES, UPLOADS } from "./kinds";
-import type { Upload } from "./sending";
+import { uploadsOf, type Upload } from "./sending";
 import { problem } from "./submission";
 import { transfer } from "./transfer";
 
@@ -45,14 +45,15 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
   async function start(event: Event): Promise<void> {
     event.preventDefault();
     button.disabled = true;
-    for (const file of files.files ?? []) await transfer(workspace, file, kind.value, steps, signal);
+    const target = { workspace, uploads: await uploadsOf(workspace, signal), signal };
+    for (const file of files.files ?? []) await transfer(target, file, kind.value, steps);
     button.disabled = false;
     files.value = "";
     if (!signal.aborted) await refresh();
   }
 
   async function refresh(): Promise<void> {
-    const uploads = await getAll<Upload>(pathOf(workspace, "uploads"), "uploads", { signal });
+    const uploads = await uploadsOf(workspace, signal);
     fill(
       place,
       element("h2", { id: "there" }, "Arrived"),
