@@ -68,16 +68,26 @@ function listed(entries: Entry[]): HTMLElement {
     [
       { title: "Time", cell: (one) => element("span", { class: "number" }, moment(one.time)) },
       { title: "User", cell: (one) => one.user },
-      { title: "Action", cell: (one) => one.action },
+      { title: "Action", cell: (one) => short(one.action) },
       { title: "Workspace", cell: (one) => one.workspace },
-      { title: "Target", cell: (one) => one.target },
+      { title: "Target", cell: (one) => short(one.target) },
       { title: "Outcome", cell: (one) => one.outcome },
-      { title: "From", cell: (one) => one.address },
+      { title: "From", cell: (one) => short(one.address) },
       {
         title: "Details",
-        cell: (one) => Object.keys(one.details).length > 0 && element("code", {}, Object.entries(one.details).map(([key, value]) => `${key}: ${typeof value === "string" ? value : JSON.stringify(value)}`).join(", ")),
+        cell: (one) => element("code", { class: "short" }, detailsOf(one)),
       },
     ],
     entries,
   );
+}
+
+/** Return a text that is not broken into lines. */
+function short(text: string): HTMLElement {
+  return element("span", { class: "short" }, text);
+}
+
+function detailsOf({ details }: Entry): string {
+  const given = Object.entries(details).filter(([, value]) => value !== "" && value !== null);
+  return given.map(([key, value]) => `${key}: ${typeof value === "string" ? value : JSON.stringify(value)}`).join(", ");
 }

@@ -67,12 +67,12 @@ function listed(found: Token[], revoke: (token: Token) => void): HTMLElement {
     [
       { title: "User", by: (one) => one.user, cell: (one) => one.user },
       { title: "What for", by: (one) => one.name, cell: (one) => one.name },
-      { title: "May", cell: (one) => Object.entries(one.scopes).map(([where, scope]) => `${scope} in ${where === "*" ? "all" : where}`).join(", ") },
+      { title: "May", cell: (one) => element("span", {}, ...Object.entries(one.scopes).flatMap(([where, scope], k) => [k > 0 && ", ", element("span", { class: "short" }, `${scope} in ${where === "*" ? "all" : where}`)])) },
       { title: "State", by: stateOf, cell: (one) => state(stateOf(one)) },
       { title: "Made", by: (one) => one.created, cell: (one) => time(one.created) },
       { title: "Expires", by: (one) => one.expires, cell: (one) => time(one.expires) },
       { title: "Last used", by: (one) => one.last_used, cell: (one) => time(one.last_used) },
-      { title: "Id", cell: (one) => element("span", { class: "mono" }, one.id) },
+      { title: "Id", cell: (one) => element("span", { class: "mono short" }, one.id) },
       {
         title: "Revoke",
         cell: (one) =>

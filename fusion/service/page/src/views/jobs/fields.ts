@@ -36,7 +36,7 @@ export function control(kind: string, parameter: string, described: Schema, give
   if (choices) return selection(id, choices, value, optional || schema.type === "string");
   if (takes === "columns") return pairs(id, value as Record<string, string> | undefined, described["x-form"]);
   if (schema.enum) return selection(id, schema.enum, value, optional);
-  if (schema.type === "boolean") return box(id, value === true);
+  if (schema.type === "boolean") return box(id, value === true || value === "true");
   if (schema.prefixItems) return numbers(id, schema, value as number[] | undefined);
   if (schema.type === "integer" || schema.type === "number") return oneNumber(id, schema, value as number | undefined);
   if (schema.type === "array") return texts(id, value as string[] | undefined);
@@ -48,7 +48,10 @@ export function control(kind: string, parameter: string, described: Schema, give
 }
 
 function text(id: string, value: string, pattern?: string): Control {
-  const input = element("input", { id, value, pattern: pattern?.replace(/^\^|\$$/g, "").replace(/-\]/g, "\\-]"), size: 36, autocomplete: "off", spellcheck: "false" });
+  const input = element("input", {
+    id, value, pattern: pattern?.replace(/^\^|\$$/g, "").replace(/-\]/g, "\\-]"), title: pattern && "letters, digits and . _ + -, a letter or digit first",
+    size: 36, autocomplete: "off", spellcheck: "false",
+  });
   return { element: input, read: () => input.value.trim() || undefined };
 }
 

@@ -1,6 +1,6 @@
 // A choice among the files of a workspace: uploads, outputs of jobs, or files sent on the spot.
 import { element, fill } from "../../dom";
-import { bytes } from "../../format";
+import { bytes, count } from "../../format";
 import type { Target } from "./sending";
 import { transfer } from "./transfer";
 
@@ -27,6 +27,7 @@ export function fileChoice(id: string, kind: string, store: Store, several: bool
   const chosen = new Set(given.map(keyOf));
   const list = element("div", { class: "files" });
   const steps = element("ul", { class: "steps" });
+  let others = false;
   const sending = element("input", { type: "file", multiple: several, "aria-label": `Send files for ${id}`, onchange: () => void send() });
 
   async function send(): Promise<void> {
@@ -43,14 +44,21 @@ export function fileChoice(id: string, kind: string, store: Store, several: bool
     draw();
   }
 
-  function entries(): { name: FileName; text: string }[] {
+  interface Entry {
+    key: string;
+    name: FileName;
+    text: string;
+    /** Whether it is of the kind that is usually taken. */
+    usual: boolean;
+  }
+
+  function entries(): Entry[] {
     const complete = store.uploads.filter((one) => one.state === "complete");
-    // Those of the expected kind first; the order of arrival is that of loading.
-    const sorted = [...complete.filter((one) => one.kind === kind), ...complete.filter((one) => one.kind !== kind)];
+    // The order of arrival is that of loading.
     return [
-      ...sorted.map((one) => ({ name: one.id, text: `${one.name} (${one.kind}, ${bytes(one.size)})` })),
-      ...store.outputs.map((one) => ({ name: { output: one.name }, text: `${one.name} (output, ${bytes(one.bytes)})` })),
-    ];
+      ...complete.map((one) => ({ name: one.id, text: `${one.name} (${one.kind}, ${bytes(one.size)})`, usual: [kind, "other"].includes(one.kind) })),
+      ...store.outputs.map((one) => ({ name: { output: one.name }, text: `${one.name} (output, ${bytes(one.bytes)})`, usual: !one.name.includes("/") })),
+    ].map((one) => ({ ...one, key: keyOf(one.name) }));
   }
 
   function choose(key: string, on: boolean): void {
@@ -61,28 +69,32 @@ export function fileChoice(id: string, kind: string, store: Store, several: bool
 
   function draw(): void {
     const all = entries();
+    const shown = all.filter((one) => others || one.usual || chosen.has(one.key));
+    const hidden = all.length - shown.length;
+    const more = hidden > 0 && element("button", { type: "button", class: "small", onclick: () => ((others = true), draw()) }, `Show ${count(hidden)} of other kinds`);
+    const none = all.length ? "none" : "none sent yet";
     if (!several) {
       const select = element(
         "select",
         { id, onchange: () => choose(select.value, select.value !== "") },
-        element("option", { value: "" }, all.length ? "none" : "none sent yet"),
-        ...all.map(({ name, text }) => element("option", { value: keyOf(name), selected: chosen.has(keyOf(name)) }, text)),
+        element("option", { value: "" }, none),
+        ...shown.map(({ key, text }) => element("option", { value: key, selected: chosen.has(key) }, text)),
       );
-      fill(list, select);
+      fill(list, select, more);
       return;
     }
-    const boxes = all.map(({ name, text }) => {
-      const key = keyOf(name);
+    const boxes = shown.map(({ key, text }) => {
       const box = element("input", { type: "checkbox", checked: chosen.has(key), onchange: () => choose(key, box.checked) });
       return { key, box, line: element("label", {}, box, text) };
     });
     const every = (on: boolean): void => boxes.forEach(({ key, box }) => choose(key, (box.checked = on)));
     fill(
       list,
-      element("div", { class: "boxes", role: "group", id, "aria-label": id, tabindex: boxes.length > 6 ? 0 : undefined }, ...(boxes.length ? boxes.map((one) => one.line) : ["none sent yet"])),
-      boxes.length > 2 && element("span", { class: "links" },
-        element("button", { type: "button", class: "small", onclick: () => every(true) }, "All"),
-        element("button", { type: "button", class: "small", onclick: () => every(false) }, "None"),
+      element("div", { class: "boxes", role: "group", id, "aria-label": id, tabindex: 0 }, ...(boxes.length ? boxes.map((one) => one.line) : [none])),
+      element("span", { class: "links" },
+        boxes.length > 2 && element("button", { type: "button", class: "small", onclick: () => every(true) }, "All"),
+        boxes.length > 2 && element("button", { type: "button", class: "small", onclick: () => every(false) }, "None"),
+        more,
       ),
     );
   }
@@ -91,7 +103,7 @@ export function fileChoice(id: string, kind: string, store: Store, several: bool
   return {
     element: element("div", {}, list, element("details", { class: "inline" }, element("summary", {}, "Send from this computer"), sending, steps)),
     read: () => {
-      const names = entries().filter(({ name }) => chosen.has(keyOf(name))).map(({ name }) => name);
+      const names = entries().filter(({ key }) => chosen.has(key)).map(({ name }) => name);
       return several ? (names.length ? names : undefined) : names[0];
     },
   };

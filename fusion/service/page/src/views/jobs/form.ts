@@ -61,7 +61,7 @@ export async function showForm(root: HTMLElement, route: Route, name: string, si
     return element(
       "div",
       { class: "field parameter" },
-      element("label", { for: parameter }, parameter.replace(/_/g, " "), unit && element("span", { class: "quiet" }, ` (${unit})`), required.has(parameter) && element("span", { class: "quiet" }, " – needed")),
+      element("label", { for: parameter }, parameter === "uploads" ? "files" : parameter.replace(/_/g, " "), unit && element("span", { class: "quiet" }, ` (${unit})`), required.has(parameter) && element("span", { class: "quiet" }, " – needed")),
       element("div", {}, made.element, element("p", { id: described, class: "help" }, plain(schema.description))),
     );
   };

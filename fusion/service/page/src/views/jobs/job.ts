@@ -92,7 +92,7 @@ export async function showJob(root: HTMLElement, route: Route, id: string, signa
         ),
       button && element("p", {}, button),
       ended(job) && job.kind in TITLES && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["new", job.kind], { again: job.id }) }, "Again, with changes")),
-      job.state === "finished" && WRITING.some((name) => job.parameters[name]) && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["outputs"]) }, "Outputs of jobs")),
+      job.state === "finished" && WRITING.some((name) => typeof job.parameters[name] === "string") && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["outputs"]) }, "Outputs of jobs")),
     );
     if (focused && button) button.focus();
   }
