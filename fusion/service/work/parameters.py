@@ -52,9 +52,9 @@ class ApplyParameters(_Parameters):
 class InitParameters(_Parameters):
     """A new workspace: a shape, or SPC files, each known by its name; both are uploads."""
 
-    body: Annotated[
-        str, Field(min_length=1, max_length=100, description="Name of the body.")
-    ] = "body"
+    body: Annotated[str, Field(min_length=1, max_length=100, description="Name of the body.")] = (
+        "body"
+    )
     uploads: Annotated[
         list[UploadId],
         Field(
