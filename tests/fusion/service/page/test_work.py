@@ -171,7 +171,8 @@ def test_tokens_are_made_shown_once_and_revoked(page: Any, served: str) -> None:
     assert httpx.get(asked, headers=headers).status_code == 401
     assert secret not in page.content()
     page.get_by_role("link", name="Audit log").click()
-    expect(page.get_by_role("region")).to_contain_text("revoke_token")
+    entries = page.get_by_role("region", name="Entries of the audit log")
+    expect(entries).to_contain_text("revoke_token")
 
 
 def test_a_download_is_the_file(page: Any) -> None:

@@ -90,7 +90,9 @@ export function fileChoice(id: string, kind: string, store: Store, several: bool
     const every = (on: boolean): void => boxes.forEach(({ key, box }) => choose(key, (box.checked = on)));
     fill(
       list,
-      element("div", { class: "boxes", role: "group", id, "aria-label": id, tabindex: 0 }, ...(boxes.length ? boxes.map((one) => one.line) : [none])),
+      boxes.length
+        ? element("div", { class: "boxes", role: "group", id, "aria-label": id, tabindex: 0 }, ...boxes.map((one) => one.line))
+        : element("p", { class: "help", id, tabindex: -1 }, none),
       element("span", { class: "links" },
         boxes.length > 2 && element("button", { type: "button", class: "small", onclick: () => every(true) }, "All"),
         boxes.length > 2 && element("button", { type: "button", class: "small", onclick: () => every(false) }, "None"),
