@@ -19,7 +19,7 @@ from fusion.runtime.json_values import content_digest, json_value
 from spcola import atomic
 from spcola.errors import SpcolaError
 
-_FILE = "provenance/.info"
+_FOLDER = "provenance"
 # What a look at the folder changes itself.
 _OWN = "catalog.sqlite"
 _ITEMS = ".items"
@@ -48,9 +48,12 @@ class Remembered:
     Parameters
     ----------
     folder : Path
+    what : str
+        What was found out: the name of the hidden file that keeps it.
     """
 
     folder: Path
+    what: str = "info"
 
     def find(
         self, now: Listing, *, known: Callable[[Listing, Mapping[str, Any]], Listing] | None = None
@@ -67,7 +70,7 @@ class Remembered:
             and is remembered for the states of `now`.
         """
         try:
-            kept = json.loads((self.folder / _FILE).read_text(encoding="utf-8"))
+            kept = json.loads(self._file.read_text(encoding="utf-8"))
             content, outside, key = kept["content"], kept["outside"], kept["key"]
             sound = kept["digest"] == content_digest([content, outside, key])
             same = all(_status(path) == stated for path, stated in outside.items())
@@ -116,8 +119,12 @@ class Remembered:
     ) -> None:
         digest = content_digest([content, outside, key])
         kept = {"key": key, "outside": outside, "content": content, "digest": digest}
-        if (self.folder / _FILE).parent.is_dir():
-            atomic.write_text(self.folder / _FILE, json.dumps(kept))
+        if self._file.parent.is_dir():
+            atomic.write_text(self._file, json.dumps(kept))
+
+    @property
+    def _file(self) -> Path:
+        return self.folder / _FOLDER / f".{self.what}"
 
     def listing(self) -> Listing:
         """Return all files of the folder with their states; empty if it cannot be listed."""

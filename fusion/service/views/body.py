@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.service.views.surfaces import LayerCache, SurfaceKind, open_surface, surface_names
+from fusion.runtime import content_digest
+from fusion.runtime.folders import Remembered
+from fusion.service.views.surfaces import LayerCache, SurfaceKind, surface_names
 from fusion.service.views.surfaces.cache import stamp_of
 from fusion.service.views.surfaces.layers import LAYERS
+from fusion.service.views.surfaces.opening import open_surfaces
 from fusion.service.views.surfaces.sampling import sampled
 from fusion.service.views.surfaces.surface import Surface
 from fusion.workspace import Workspace
@@ -29,6 +32,10 @@ SHAPE_LAYERS: Mapping[str, tuple[SurfaceKind, ...]] = {
     "source": (SurfaceKind.FUSED,),
 }
 """Layers on the vertices, and the kinds of surfaces that have them: the first one there is used."""
+
+_FOLDERS = {
+    SurfaceKind.MAPLET: "MAPFILES", SurfaceKind.MAPOLA: "mapolas", SurfaceKind.FUSED: "fused",
+}  # fmt: skip
 
 
 def shape_mesh(
@@ -143,16 +150,25 @@ def vertex_layer(
         there = ", ".join(SHAPE_LAYERS)
         raise InvalidValueError(f"the shape has no layer {layer!r}", do=f"there are: {there}")
     kept = cache or LayerCache()
-    surfaces = [
-        open_surface(workspace, kind, name, cache=kept)
-        for kind, names in _first_there(workspace, SHAPE_LAYERS[layer])
-        for name in names
-    ]
-    surfaces.sort(key=lambda surface: surface.grid.gsd)
-    stamps = tuple(surface.source.stamp for surface in surfaces)
-    key = (stamp_of(workspace.shape_path()), facets, layer, stamps)
-    mesh = shape_mesh(workspace, facets, cache=kept)
-    return kept.find(key, "", lambda: {"": _interpolated(mesh, surfaces, layer)})
+    there = _first_there(workspace, SHAPE_LAYERS[layer])
+    key = (stamp_of(workspace.shape_path()), facets, layer, _state(workspace, there))
+
+    def make() -> dict[Hashable, AnyArray]:
+        mesh = shape_mesh(workspace, facets, cache=kept)
+        surfaces = [each for kind, _ in there for each in open_surfaces(workspace, kind, kept)]
+        return {"": _interpolated(mesh, surfaces, layer)}
+
+    return kept.find(key, "", make)
+
+
+def _state(workspace: Workspace, there: list[tuple[SurfaceKind, list[str]]]) -> str:
+    """Return what changes with the files of surfaces and of the maplets they are compared with.
+
+    The files are listed, not opened: a thousandth of the time.
+    """
+    folders = {"MAPFILES", *(_FOLDERS[kind] for kind, _ in there)}
+    files = [Remembered(workspace.home / folder).listing().files for folder in sorted(folders)]
+    return content_digest([files, there])
 
 
 def _first_there(

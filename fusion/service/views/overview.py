@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.inspection import describe_workspace
-from fusion.pipeline.catalog import read_records
-from fusion.runtime import content_digest
+from fusion.inspection import describe_workspace, outside_files
+from fusion.pipeline.catalog import CATALOG_FILE, read_records
+from fusion.runtime import content_digest, json_value
 from fusion.runtime.folders import Remembered
 from fusion.service.views.surfaces import SurfaceKind, surface_names
 from fusion.stages.ingest import readable_scans
@@ -23,6 +23,7 @@ from spcola.math import lon_lat_deg
 
 # Returns that are counted, and images whose places are read.
 _RETURNS, _IMAGES = 300_000, 2000
+_USUAL_STEP = 5.0
 _RESULTS = {
     "registration": ("model", "scale", "scale_sigma", "n_used", "n_rejected", "verdict"),
     "scale": ("epsilon", "epsilon_sigma", "size_correction_m", "size_correction_sigma_m", "n_used",
@@ -33,6 +34,8 @@ _RESULTS = {
 def overview(workspace: Workspace) -> dict[str, Any]:
     """Return what ``spcola info`` finds, verdicts of stages, and the main results.
 
+    It is remembered as long as no file of the workspace changes: see :class:`Remembered`.
+
     Parameters
     ----------
     workspace : Workspace
@@ -42,6 +45,10 @@ def overview(workspace: Workspace) -> dict[str, Any]:
     SpcolaError
         If its settings are wrong, or a folder of it cannot be read.
     """
+    return _remembered(workspace, "overview", lambda: _overview(workspace))
+
+
+def _overview(workspace: Workspace) -> dict[str, Any]:
     records = read_records(workspace)
     paths = {"registration": workspace.registration_path, "scale": workspace.scale_path}
     found = {name: workspace.find_json(path.name) for name, path in paths.items()}
@@ -72,7 +79,7 @@ def workspace_etag(workspace: Workspace) -> str:
     return content_digest([Remembered(workspace.root).listing().files, workspace.solution])[:32]
 
 
-def coverage(workspace: Workspace, *, step_deg: float = 5.0) -> dict[str, Any]:
+def coverage(workspace: Workspace, *, step_deg: float = _USUAL_STEP) -> dict[str, Any]:
     """Return where maplets, mapolas, fused maplets, bigmaps, images and returns lie.
 
     Parameters
@@ -99,6 +106,12 @@ def coverage(workspace: Workspace, *, step_deg: float = 5.0) -> dict[str, Any]:
     rows = round(180.0 / step_deg) if step_deg >= 0.25 else 0
     if rows < 1 or abs(rows * step_deg - 180.0) > 1e-9:
         raise InvalidValueError(f"{step_deg}° does not divide 180°, or is below 0.25°", "step_deg")
+    if step_deg != _USUAL_STEP:
+        return _coverage(workspace, rows)
+    return _remembered(workspace, "coverage", lambda: _coverage(workspace, rows))
+
+
+def _coverage(workspace: Workspace, rows: int) -> dict[str, Any]:
     maplets = (workspace.maplet_path(name) for name in _names(workspace, "maplet"))
     return {
         "maplets": _footprints(maplets),
@@ -134,6 +147,28 @@ def density_of(points: FloatArray, total: int, rows: int) -> FloatArray:
     area = np.where(count > 0, radii / np.maximum(count, 1), 1.0) ** 2 * steradians
     density: FloatArray = count * (total / max(len(points), 1)) / area
     return density
+
+
+def _remembered(
+    workspace: Workspace, what: str, make: Callable[[], dict[str, Any]]
+) -> dict[str, Any]:
+    """Return what `make` finds out, in JSON types, made again after a file has changed."""
+    kept = Remembered(workspace.root, f"{what}-{workspace.solution}")
+    before = kept.listing()
+    found = kept.find(before)
+    if found is None:
+        # A stage notes its end in the catalogue, which may be after its files are written.
+        catalogs = sorted({workspace.home / CATALOG_FILE, workspace.root / CATALOG_FILE})
+        noted = _states(catalogs)
+        outside = [*outside_files(workspace, workspace.settings()), *catalogs]
+        found = json_value(make())
+        if noted == _states(catalogs):
+            kept.keep(before, found, outside)
+    return dict(found)
+
+
+def _states(paths: Iterable[Path]) -> list[int]:
+    return [path.stat().st_mtime_ns if path.is_file() else 0 for path in paths]
 
 
 def _judged(summary: Any) -> bool:

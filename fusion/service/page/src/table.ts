@@ -1,5 +1,6 @@
 // Tables: one row for each thing, numbers to the right, columns that sort.
 import { element, fill, type Child } from "./dom";
+import { count } from "./format";
 
 export interface Column<T> {
   title: string;
@@ -11,9 +12,15 @@ export interface Column<T> {
   by?: (row: T) => number | string | null | undefined;
 }
 
+// Rows that are made at first: browsers lay out some ten thousand cells a second.
+const ROWS = 250;
+
 /** Return a table with a caption that names it for those who do not see it. */
 export function table<T>(caption: string, columns: Column<T>[], rows: T[]): HTMLElement {
   const body = element("tbody");
+  let shown = rows;
+  let all = rows.length <= ROWS;
+  const more = element("button", { type: "button", class: "more", onclick: () => showAll() }, `Show all ${count(rows.length)} rows`);
   const heads = columns.map((column) => {
     const style = column.number ? "number" : undefined;
     if (!column.by) return element("th", { scope: "col", class: style }, column.title);
@@ -29,13 +36,20 @@ export function table<T>(caption: string, columns: Column<T>[], rows: T[]): HTML
     const down = head.getAttribute("aria-sort") === "ascending";
     heads.forEach((other) => other.removeAttribute("aria-sort"));
     head.setAttribute("aria-sort", down ? "descending" : "ascending");
-    show([...rows].sort((a, b) => compare(column.by!(a), column.by!(b)) * (down ? -1 : 1)));
+    shown = [...rows].sort((a, b) => compare(column.by!(a), column.by!(b)) * (down ? -1 : 1));
+    show();
   }
 
-  function show(sorted: T[]): void {
+  function showAll(): void {
+    all = true;
+    more.remove();
+    show();
+  }
+
+  function show(): void {
     fill(
       body,
-      ...sorted.map((row) =>
+      ...(all ? shown : shown.slice(0, ROWS)).map((row) =>
         element(
           "tr",
           {},
@@ -45,11 +59,12 @@ export function table<T>(caption: string, columns: Column<T>[], rows: T[]): HTML
     );
   }
 
-  show(rows);
+  show();
   return element(
     "div",
     { class: "scroll", role: "region", "aria-label": caption, tabindex: 0 },
     element("table", {}, element("caption", { class: "hidden" }, caption), element("thead", {}, element("tr", {}, ...heads)), body),
+    all ? null : more,
   );
 }
 

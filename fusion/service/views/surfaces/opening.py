@@ -82,7 +82,30 @@ def open_surface(
         raise WorkspaceError(
             f"there is no {kind} {name!r}", workspace.root, "list those that there are"
         )
-    source, cache = _OPENERS[kind](workspace, name), cache or LayerCache()
+    return _opened(workspace, kind, name, cache or LayerCache())
+
+
+def open_surfaces(workspace: Workspace, kind: SurfaceKind, cache: LayerCache) -> list[Surface]:
+    """Open all surfaces of one `kind`, those of the smallest GSD first, of equals by name.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    kind : SurfaceKind
+    cache : LayerCache
+
+    Raises
+    ------
+    SpcolaError
+        If a folder cannot be listed, or a file is damaged.
+    """
+    found = [_opened(workspace, kind, name, cache) for name in surface_names(workspace, kind)]
+    return sorted(found, key=lambda surface: surface.grid.gsd)
+
+
+def _opened(workspace: Workspace, kind: SurfaceKind, name: str, cache: LayerCache) -> Surface:
+    """Open a surface that is there."""
+    source = _OPENERS[kind](workspace, name)
     reference = _spc_file(workspace, kind, name)
     if reference is not None and reference.is_file():
         source = compared(source, MapSource.open(reference), cache)

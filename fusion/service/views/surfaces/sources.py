@@ -145,20 +145,39 @@ class ComparedSource:
         return self.surface.read("height", index) - self.other.read("height", index)
 
 
+@dataclass(frozen=True, eq=False)
+class ProjectedSource:
+    """Heights of a surface on another `grid`, projected when they are read, and kept."""
+
+    surface: Source
+    grid: MapletGrid
+    cache: LayerCache
+
+    layers = ("height",)
+
+    @property
+    def stamp(self) -> Stamp:
+        """That of the surface."""
+        return self.surface.stamp
+
+    def read(self, layer: str, index: Index) -> FloatArray:
+        """Return part of the heights."""
+        key = (self.stamp, self.grid.center.tobytes(), self.grid.axes.tobytes(), self.grid.gsd)
+        return self.cache.find(key, layer, self._projected)[index]
+
+    def _projected(self) -> dict[Hashable, FloatArray]:
+        heights = self.surface.read("height", (slice(None), slice(None)))
+        maplet = Maplet("other", self.surface.grid, heights)
+        return {"height": project_maplet(maplet, self.grid).height}
+
+
 def compared(surface: Source, other: Source, cache: LayerCache) -> Source:
     """Return `surface` with its difference from `other`, which is projected if its grid differs."""
     stamp = surface.stamp + other.stamp
     if _same_nodes(surface.grid, other.grid):
         return ComparedSource(surface, other, stamp)
 
-    def project() -> dict[Hashable, FloatArray]:
-        heights = other.read("height", (slice(None), slice(None)))
-        return {"": project_maplet(Maplet("other", other.grid, heights), surface.grid).height}
-
-    heights = cache.find((stamp, "projected"), "", project)
-    return ComparedSource(
-        surface, ArraySource(surface.grid, {"height": heights}, other.stamp), stamp
-    )
+    return ComparedSource(surface, ProjectedSource(other, surface.grid, cache), stamp)
 
 
 def _same_nodes(one: MapletGrid, other: MapletGrid) -> bool:

@@ -8,15 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from chromium import CHROMIUM, OPTIONS
 from playwright.sync_api import sync_playwright
 from server_process import ServerProcess
 
 from fusion.service.page import is_built
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
-# WebGL 2 in software, so that the body is drawn on any machine.
-OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
-OPTIONS += ["--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="module")

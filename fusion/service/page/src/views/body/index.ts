@@ -28,14 +28,16 @@ export const body: View = {
     if (!canDraw()) {
       throw new ApiProblem(0, { detail: "this browser has no WebGL 2", do: "use another one, or the maps" });
     }
-    fill(root, element("p", { class: "waiting", role: "status" }, "The shape is loading …"));
+    const waiting = element("p", { class: "waiting", role: "status" }, "The shape is loading …");
+    fill(root, element("section", { class: "panel" }, element("h1", {}, "Body"), waiting), element("div", { class: "stage" }));
     const asked = Number(route.query.get("facets"));
     const facets = asked >= 100 ? Math.min(asked, 1 << 24) : MOST_FACETS;
+    const squares = new Map(chosenOf(route).map((kind) => [kind, squaresOf(route, kind, signal)]));
     const [layers, loaded] = await Promise.all([
       bodyLayers(route.workspace, signal),
       loadMesh(route.workspace, facets, signal),
     ]);
-    const shown = new BodyPage(root, route, { mesh: loaded.mesh, layers, facets }, signal);
+    const shown = new BodyPage(root, route, { mesh: loaded.mesh, layers, facets, squares }, signal);
     root.dataset.fetchedMs = loaded.fetched.toFixed(0);
     root.dataset.preparedMs = loaded.prepared.toFixed(0);
     await shown.start();
@@ -46,6 +48,22 @@ interface Content {
   mesh: BodyMesh;
   layers: Awaited<ReturnType<typeof bodyLayers>>;
   facets: number;
+  /** Outlines that the address names, asked for together with the mesh. */
+  squares: Map<string, Promise<Outline[]>>;
+}
+
+/** Return the kinds of outlines that the address names. */
+function chosenOf(route: Route): string[] {
+  const chosen = (route.query.get("outlines") ?? "maplet").split(",");
+  return KINDS.map(([kind]) => kind).filter((kind) => chosen.includes(kind));
+}
+
+function squaresOf(route: Route, kind: string, signal: AbortSignal): Promise<Outline[]> {
+  const path = `${pathOf(route.workspace, "outlines")}?kind=${kind}`;
+  const found = getJson<OutlineTable>(path, { signal }).then(outlinesOf);
+  // Whoever awaits it gets the problem; until then it is nobody's.
+  found.catch(() => undefined);
+  return found;
 }
 
 class BodyPage {
@@ -81,7 +99,9 @@ class BodyPage {
       (look, changed) => void this.show(look, changed),
     );
     this.fillRoot();
-    this.scene = new BodyScene(this.canvas, mesh);
+    root.dataset.facets = String(mesh.faces.length / 3);
+    root.dataset.coarseFacets = String(mesh.coarse.length / 3);
+    this.scene = new BodyScene(this.canvas, mesh, (cost) => (root.dataset.frameMs = cost.toFixed(1)));
     signal.addEventListener("abort", () => {
       clearTimeout(this.saving);
       this.scene.close();
@@ -110,8 +130,7 @@ class BodyPage {
     this.turn(this.look);
     await this.show(this.controls.look, true);
     this.root.dataset.ready = "true";
-    const chosen = (this.route.query.get("outlines") ?? "maplet").split(",");
-    await Promise.all(KINDS.filter(([kind]) => chosen.includes(kind)).map(([kind]) => this.outline(kind, true)));
+    await Promise.all(chosenOf(this.route).map((kind) => this.outline(kind, true)));
   }
 
   private get first(): Look {
@@ -178,8 +197,10 @@ class BodyPage {
   private async outline(kind: string, shown: boolean): Promise<void> {
     if (!shown) this.squares.delete(kind);
     else {
-      const path = `${pathOf(this.route.workspace, "outlines")}?kind=${kind}`;
-      this.squares.set(kind, outlinesOf(await getJson<OutlineTable>(path, { signal: this.signal })));
+      const { squares } = this.content;
+      const asked = squares.get(kind) ?? squaresOf(this.route, kind, this.signal);
+      squares.delete(kind);
+      this.squares.set(kind, await asked);
     }
     if (this.signal.aborted) return;
     this.scene.outline(kind, this.squares.get(kind) ?? [], KINDS.find(([each]) => each === kind)![2]);
@@ -191,7 +212,7 @@ class BodyPage {
   private readonly names = element("datalist", { id: "squares" });
 
   private outlineBox(): HTMLElement {
-    const chosen = (this.route.query.get("outlines") ?? "maplet").split(",");
+    const chosen = chosenOf(this.route);
     const boxes = KINDS.map(([kind, title, ink]) => {
       const box = element("input", { type: "checkbox", name: kind, checked: chosen.includes(kind) });
       box.onchange = () => void this.outline(kind, box.checked).catch(() => (box.checked = false));

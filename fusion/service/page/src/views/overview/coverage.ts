@@ -1,5 +1,4 @@
 // Coverage on the body as a map: density of returns, outlines of surfaces, points below the spacecraft.
-import { getJson, pathOf } from "../../api";
 import { colourOf, colours, css, legend } from "../../colormaps";
 import { element, fill } from "../../dom";
 import { count, degrees, metres, number } from "../../format";
@@ -38,14 +37,19 @@ const NEAR_PX = 14;
 const MARGIN = { left: 38, right: 10, top: 8, bottom: 22 };
 
 /** Show the coverage of a workspace; which layers are shown is in the address. */
-export async function showCoverage(root: HTMLElement, route: Route, signal: AbortSignal): Promise<void> {
+export async function showCoverage(
+  root: HTMLElement,
+  route: Route,
+  coverage: Promise<Coverage>,
+  signal: AbortSignal,
+): Promise<void> {
   const canvas = element("canvas", { class: "map", role: "img", tabindex: 0 });
   const line = element("p", { class: "under number", "aria-live": "polite" });
   const shown = new Set((route.query.get("show") ?? SHOWN).split(","));
   const scale = element("div", { class: "row" });
   fill(root, element("h2", { id: "coverage" }, "Coverage"), choices(), canvas, line, scale);
   fill(line, "Reading footprints and returns …");
-  const found = await getJson<Coverage>(`${pathOf(route.workspace, "coverage")}?step_deg=5`, { signal });
+  const found = await coverage;
   const densities = found.returns.density_per_m2.flat().filter((value) => value > 0);
   const limits = densities.length ? logLimits(densities) : null;
   const places = placesOf(found, route.workspace);

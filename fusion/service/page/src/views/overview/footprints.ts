@@ -3,8 +3,9 @@ import type { Footprints } from "./values";
 
 export type Point = [longitude: number, latitude: number];
 
-// Steps along a side: near the poles a side is a curve.
+// Steps along a side at most: near the poles a side is a curve.
 const STEPS = 12;
+const STEP = 0.1;
 const DEG = Math.PI / 180;
 
 /** Return the outline of a square that faces away from the centre: closed, in degrees. */
@@ -12,7 +13,9 @@ export function outline(of: Footprints, k: number): Point[] {
   const [longitude, latitude] = [of.longitude_deg[k]! * DEG, of.latitude_deg[k]! * DEG];
   const half = of.side_m[k]! / 2 / of.radius_m[k]!;
   const [sl, cl, sb, cb] = [Math.sin(longitude), Math.cos(longitude), Math.sin(latitude), Math.cos(latitude)];
-  return edge().map(([east, north]) => {
+  // Radians of longitude along a side.
+  const steps = Math.min(STEPS, Math.ceil((2 * half) / Math.max(cb - half, 1e-6) / STEP));
+  return edge(steps).map(([east, north]) => {
     const [e, n] = [east * half, north * half];
     const x = cb * cl - sl * e - sb * cl * n;
     const y = cb * sl + cl * e - sb * sl * n;
@@ -40,13 +43,13 @@ export function unwrapped(points: Point[]): Point[][] {
   return parts;
 }
 
-function edge(): Point[] {
+function edge(steps: number): Point[] {
   const corners: Point[] = [[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]];
   const found: Point[] = [];
   for (let k = 0; k < 4; k++) {
     const [one, two] = [corners[k]!, corners[k + 1]!];
-    for (let step = 0; step < STEPS; step++) {
-      const share = step / STEPS;
+    for (let step = 0; step < steps; step++) {
+      const share = step / steps;
       found.push([one[0] + (two[0] - one[0]) * share, one[1] + (two[1] - one[1]) * share]);
     }
   }

@@ -7,11 +7,14 @@ import { inOrder, state } from "../../stages";
 import { facts, table } from "../../table";
 import { showCoverage } from "./coverage";
 import { showLists } from "./lists";
-import type { Overview } from "./values";
+import type { Coverage, Overview } from "./values";
 
 export const overview: View = {
   title: "Overview",
   async open(root, route, signal) {
+    const coverage = getJson<Coverage>(`${pathOf(route.workspace, "coverage")}?step_deg=5`, { signal });
+    // Whoever awaits it below gets the problem; until then it is nobody's.
+    coverage.catch(() => undefined);
     const found = await getJson<Overview>(pathOf(route.workspace), { signal });
     const map = element("section", { class: "coverage", "aria-labelledby": "coverage" });
     const lists = element("section", { class: "lists", "aria-labelledby": "lists" });
@@ -28,7 +31,7 @@ export const overview: View = {
       ),
       lists,
     );
-    await Promise.all([showCoverage(map, route, signal), showLists(lists, route, found, signal)]);
+    await Promise.all([showCoverage(map, route, coverage, signal), showLists(lists, route, found, signal)]);
   },
 };
 
