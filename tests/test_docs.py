@@ -120,9 +120,9 @@ def public_names() -> Iterator[tuple[str, Any, bool]]:
 
 
 def parameters(value: Any) -> list[str]:
-    """Names of the parameters; none of an enumeration or of a protocol."""
+    """Names of the parameters; none of an enumeration, a warning or a protocol."""
     if inspect.isclass(value) and (
-        issubclass(value, Enum) or getattr(value, "_is_protocol", False)
+        issubclass(value, Enum | Warning) or getattr(value, "_is_protocol", False)
     ):
         return []
     return list(inspect.signature(value).parameters)

@@ -74,7 +74,20 @@ def connect(url_or_folder: str | Path, token: str = "", *, patience_s: float = 6
 async def connect_async(
     url_or_folder: str | Path, token: str = "", *, patience_s: float = 60.0
 ) -> AsyncSession:
-    """Open a session whose calls are awaited: see :func:`connect`."""
+    """Open a session whose calls are awaited.
+
+    Parameters
+    ----------
+    url_or_folder : str or Path
+    token : str
+    patience_s : float
+        As those of :func:`connect`.
+
+    Raises
+    ------
+    SpcolaError
+        If there is no such folder, the server does not answer, or the token is refused.
+    """
     if not _is_url(url_or_folder):
         place = _local(url_or_folder)
 
@@ -102,6 +115,15 @@ class Session(Reading, Working, Moving, Blocking):
 
     :func:`connect` makes one. It is a context: jobs that a local folder's session has submitted
     go on as long as it is open.
+
+    Parameters
+    ----------
+    place : Place
+        The server or the folder.
+    doing : callable
+        Returns what does the steps of one call.
+    close : callable
+        Closes the connections.
     """
 
     def __init__(self, place: Place, doing: Any, close: Any) -> None:
@@ -129,6 +151,15 @@ class AsyncSession(Reading, Working, Moving, Awaiting):
     """The calls on a server or a local folder, to be awaited: ``await session.overview("bennu")``.
 
     :func:`connect_async` makes one; ``async for event in session.events(job)`` iterates.
+
+    Parameters
+    ----------
+    place : Place
+        The server or the folder.
+    doing : callable
+        Returns what does the steps of one call.
+    close : callable
+        Closes the connections.
     """
 
     def __init__(self, place: Place, doing: Any, close: Any) -> None:

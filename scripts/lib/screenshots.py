@@ -14,7 +14,11 @@ from playwright.sync_api import sync_playwright
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "_static"
 SIZE = {"width": 1280, "height": 800}
-VIEWS = ("overview", "body", "map", "registration", "scale")
+VIEWS = {
+    **{name: name for name in ("overview", "body", "map", "registration", "scale")},
+    "form": "jobs/new/images",
+}
+"""Names of the pictures, and the addresses of their views."""
 
 
 def main(folder: Path) -> None:
@@ -39,9 +43,9 @@ def draw(browser: str, url: str) -> None:
         page = started.new_page(viewport=SIZE, base_url=url)
         page.goto("/")
         name = page.locator("tbody a").first.text_content()
-        for view in VIEWS:
+        for view, address in VIEWS.items():
             page.goto("about:blank")
-            page.goto(f"/#/{name}/{view}")
+            page.goto(f"/#/{name}/{address}")
             page.wait_for_selector(".view:not([aria-busy])")
             page.wait_for_timeout(1500)  # tiles and curves come after the view itself
             file = PICTURES / f"page_{view}.webp"

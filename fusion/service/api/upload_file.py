@@ -19,7 +19,7 @@ _LONGEST = 128
 
 
 def clean_name(name: str) -> str:
-    """Return a name that is safe in every folder: letters, digits, ``. _ + -``, no dot in front.
+    """Return a name that is safe in every folder: of letters, digits, dots, underscores, + and -.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -60,11 +61,26 @@ class _Leaf:
     info: ParameterInfo
     mark: Mark | None
     default: Any
+    panel: str
 
     @property
     def json_name(self) -> str:
         """Files of users are uploads."""
         return "uploads" if self.name == "files" else self.name
+
+    @property
+    def about(self) -> str:
+        """The help text; it names options as JSON does."""
+        text = " ".join((self.info.help or "").split())
+        return re.sub(r"--([a-z][a-z0-9-]*)", lambda found: found[1].replace("-", "_"), text)
+
+    @property
+    def hints(self) -> dict[str, str]:
+        """What a form needs besides the type: heading, form of the text, what a name names."""
+        parts = (self.bare, *get_args(self.bare))
+        takes = self.mark.value if self.mark else "file" if Path in parts else ""
+        hints = {"x-panel": self.panel, "x-form": self.info.metavar or "", "x-takes": takes}
+        return {name: value for name, value in hints.items() if value}
 
     @property
     def bare(self) -> Any:
@@ -94,6 +110,7 @@ class _Leaf:
 
 def _leaves(options: type[Any]) -> Iterator[_Leaf]:
     types = get_type_hints(options, include_extras=True)
+    panel = getattr(options, "panel", "")
     for field in fields(options):
         annotation = types[field.name]
         if is_dataclass(annotation):
@@ -102,7 +119,7 @@ def _leaves(options: type[Any]) -> Iterator[_Leaf]:
         kind, *extras = get_args(annotation)
         info = next(one for one in extras if isinstance(one, ParameterInfo))
         mark = next((one for one in extras if isinstance(one, Mark)), None)
-        yield _Leaf(field.name, kind, info, mark, field.default)
+        yield _Leaf(field.name, kind, info, mark, field.default, panel)
 
 
 def json_of(
@@ -142,11 +159,15 @@ def outputs_of(options: type[Any], given: Mapping[str, Any]) -> list[Path]:
     return [Path(given[leaf.name]) for leaf in marked if given[leaf.name] is not None]
 
 
-def options_model(name: str, options: type[Any], *, solution: bool) -> type[BaseModel]:
+def options_model(
+    name: str, options: type[Any], *, solution: bool, about: str = ""
+) -> type[BaseModel]:
     """Return the model of a command's options: the same names, limits and defaults.
 
     Files are ids of uploads, or outputs of earlier jobs; a folder is a list of files; columns are
-    an object; the files of the command are `uploads`.
+    an object; the files of the command are `uploads`. In the schema of a parameter ``x-panel`` is
+    the heading that it has in the command's help, ``x-form`` the form of its text, and ``x-takes``
+    what its names are of: file, folder, output or columns.
 
     Parameters
     ----------
@@ -156,13 +177,17 @@ def options_model(name: str, options: type[Any], *, solution: bool) -> type[Base
         Dataclass of options for typer.
     solution : bool
         Whether the job takes the name of a solution too.
+    about : str
+        What the command does.
     """
-    content: dict[str, Any] = {"solution": (_Text, "")} if solution else {}
+    named = Field("", description="The SPC solution; by default the one in use.")
+    content: dict[str, Any] = {"solution": (_Text, named)} if solution else {}
     for leaf in _leaves(options):
         default = ... if leaf.default is MISSING else leaf.default
-        about = " ".join((leaf.info.help or "").split())
-        content[leaf.json_name] = (leaf.json_type, Field(default, description=about))
-    model: type[BaseModel] = create_model(name, __config__=_CONFIG, **content)
+        hints: Any = leaf.hints
+        described = Field(default, description=leaf.about, json_schema_extra=hints)
+        content[leaf.json_name] = (leaf.json_type, described)
+    model: type[BaseModel] = create_model(name, __config__=_CONFIG, __doc__=about, **content)
     return model
 
 

@@ -147,8 +147,8 @@ def vertex_layer(
         If there is no shape, or a file is damaged.
     """
     if layer not in SHAPE_LAYERS:
-        there = ", ".join(SHAPE_LAYERS)
-        raise InvalidValueError(f"the shape has no layer {layer!r}", do=f"there are: {there}")
+        names = ", ".join(SHAPE_LAYERS)
+        raise InvalidValueError(f"the shape has no layer {layer!r}", do=f"there are: {names}")
     kept = cache or LayerCache()
     chosen = _first_there(workspace, SHAPE_LAYERS[layer])
     key = (stamp_of(workspace.shape_path()), facets, layer, _state(workspace, chosen))

@@ -38,21 +38,41 @@ class RunParameters(_Parameters):
 class ApplyParameters(_Parameters):
     """A scaled solution: its name (``scaled-1``, … if empty), and how the scale is estimated."""
 
-    name: _Text = ""
-    settings: dict[_Text, dict[_Text, Any]] = {}
-    solution: _Text = ""
-    accept: _Texts = []
-    force: bool = False
+    name: Annotated[_Text, Field(description="Of the new solution.")] = ""
+    settings: Annotated[
+        dict[_Text, dict[_Text, Any]], Field(description="Tables as in spcola.toml.")
+    ] = {}
+    solution: Annotated[
+        _Text, Field(description="The one that is scaled; by default the one in use.")
+    ] = ""
+    accept: Annotated[_Texts, Field(description="Codes of findings that are accepted.")] = []
+    force: Annotated[bool, Field(description="Estimate the scale again.")] = False
 
 
 class InitParameters(_Parameters):
     """A new workspace: a shape, or SPC files, each known by its name; both are uploads."""
 
-    body: Annotated[str, Field(min_length=1, max_length=100)] = "body"
-    uploads: Annotated[list[UploadId], Field(max_length=100_000)] = []
-    shape: UploadId | None = None
-    shape_unit: Literal["km", "m"] = "km"
-    faces_from: Literal[0, 1] = 1
+    body: Annotated[str, Field(min_length=1, max_length=100, description="Name of the body.")] = (
+        "body"
+    )
+    uploads: Annotated[
+        list[UploadId],
+        Field(
+            max_length=100_000,
+            description="SPC files: maplets, landmarks, states, images, lists, solution.json.",
+            json_schema_extra={"x-takes": "file"},
+        ),
+    ] = []
+    shape: Annotated[
+        UploadId | None,
+        Field(description="Shape of a new workspace.", json_schema_extra={"x-takes": "file"}),
+    ] = None
+    shape_unit: Annotated[
+        Literal["km", "m"], Field(description="Unit of a shape that states none.")
+    ] = "km"
+    faces_from: Annotated[
+        Literal[0, 1], Field(description="Number of the first vertex in the facets of a shape.")
+    ] = 1
 
 
 PARAMETERS: Mapping[JobKind, type[BaseModel]] = {
@@ -61,7 +81,12 @@ PARAMETERS: Mapping[JobKind, type[BaseModel]] = {
     JobKind.SCALE_APPLY: ApplyParameters,
     JobKind.INIT: InitParameters,
     **{
-        kind: options_model(f"{kind.value} options", one.options, solution=one.solution)
+        kind: options_model(
+            f"{kind.value} options",
+            one.options,
+            solution=one.solution,
+            about=(one.perform.__doc__ or "").partition("\n")[0],
+        )
         for kind, one in COMMANDS.items()
     },
 }

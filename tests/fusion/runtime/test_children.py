@@ -114,11 +114,13 @@ import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from fusion.runtime.children import ProcessExecutor
 def run(item):
+    # In one piece: the other child writes to the same pipe.
+    os.write(2, b"%d\\n" % os.getpid())
     # An interpreter's lock that is never given up.
-    print(os.getpid(), file=sys.stderr, flush=True)
     return 10 ** (10 ** 8) if item else 0
-list(ProcessExecutor(2).stream(run, [int(sys.argv[1])] * 2))
-time.sleep(60)
+with ProcessExecutor(2) as executor:
+    list(executor.stream(run, [int(sys.argv[1])] * 2))
+    time.sleep(60)
 """
 
 

@@ -1,4 +1,4 @@
-"""Routes for administrators: tokens, and the audit log."""
+"""Routes of who asks, and for administrators: tokens, and the audit log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import Request
 from starlette.responses import Response
 
-from fusion.service.api.access import ADMIN, Routes
+from fusion.service.api.access import ADMIN, KNOWN, Routes, caller_of
 from fusion.service.api.answers import json_answer
 from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.service import service_of
@@ -37,6 +37,13 @@ class TokenRequest(BaseModel):
     )
     name: str = Field(default="", max_length=64, description="What it is for.")
     days: float | None = Field(default=None, gt=0, le=36_500, description="Until it expires.")
+
+
+@routes.add("GET", "/caller", KNOWN)
+def caller(request: Request) -> Response:
+    """Return who asks, and the scopes by workspace; those of * are for all."""
+    asking = caller_of(request)
+    return json_answer(request, {"user": asking.name, "scopes": dict(asking.token.scopes)})
 
 
 @routes.add("GET", "/tokens", ADMIN)

@@ -3,12 +3,13 @@ import { ApiProblem, getJson, setToken, token } from "./api";
 import { element, fill } from "./dom";
 import { hrefOf, routeOf, type Route } from "./router";
 import { applyTheme, themeSwitch } from "./theme";
-import { NAVIGATION, VIEWS } from "./views/index";
+import { ADMINISTRATION, NAVIGATION, VIEWS } from "./views/index";
 
 const header = document.getElementById("header")!;
 const main = document.getElementById("main")!;
 let opened = new AbortController();
 let names: string[] = [];
+let administrator = false;
 
 /** Open the view that the address names; the one before ends. */
 async function open(): Promise<void> {
@@ -37,15 +38,10 @@ async function open(): Promise<void> {
 }
 
 function showHeader(route: Route): void {
-  const links = route.workspace
-    ? NAVIGATION.map(([view, title]) =>
-        element(
-          "a",
-          { href: hrefOf(route.workspace, view), "aria-current": route.view === view ? "page" : undefined },
-          title,
-        ),
-      )
-    : [];
+  const shown = route.workspace ? NAVIGATION : administrator ? ADMINISTRATION : [];
+  const links = shown.map(([view, title]) =>
+    element("a", { href: hrefOf(route.workspace, view), "aria-current": route.view === view ? "page" : undefined }, title),
+  );
   fill(
     header,
     element("a", { class: "brand", href: "#/" }, "SPCOLA"),
@@ -114,14 +110,19 @@ function showTokenEntry(root: HTMLElement, why: string): void {
 
 function forget(): void {
   setToken("");
+  administrator = false;
   void start();
 }
 
 async function start(): Promise<void> {
   void open();
   try {
-    const answer = await getJson<{ workspaces: { name: string }[] }>("/workspaces?limit=1000");
+    const [answer, caller] = await Promise.all([
+      getJson<{ workspaces: { name: string }[] }>("/workspaces?limit=1000"),
+      getJson<{ scopes: Record<string, string> }>("/caller"),
+    ]);
     names = answer.workspaces.map((one) => one.name);
+    administrator = caller.scopes["*"] === "admin";
     showHeader(routeOf(location.hash));
   } catch {
     // The view shows the problem; the choice has the open workspace alone.

@@ -17,10 +17,14 @@ export interface View {
   open(root: HTMLElement, route: Route, signal: AbortSignal): Promise<void>;
 }
 
+/** Where views of the whole service have the name of a workspace; none can be called so. */
+const ALL = "-";
+
 /** Return the route of an address such as "#/bennu/map/fused/AA0001?layer=sigma". */
 export function routeOf(hash: string): Route {
   const [path = "", query = ""] = hash.replace(/^#\/?/, "").split("?", 2);
-  const [workspace = "", view = "", ...rest] = path.split("/").filter(Boolean).map(decoded);
+  const [first = "", view = "", ...rest] = path.split("/").filter(Boolean).map(decoded);
+  const workspace = first === ALL ? "" : first;
   return { workspace, view: view || (workspace ? "overview" : "workspaces"), path: rest, query: new URLSearchParams(query) };
 }
 
@@ -31,7 +35,7 @@ export function hrefOf(
   path: string[] = [],
   query: URLSearchParams | Record<string, string> = {},
 ): string {
-  const parts = [workspace, view, ...path].filter(Boolean).map(encodeURIComponent);
+  const parts = [workspace || (view && ALL), view, ...path].filter(Boolean).map(encodeURIComponent);
   const asked = new URLSearchParams(query).toString();
   return `#/${parts.join("/")}${asked ? `?${asked}` : ""}`;
 }

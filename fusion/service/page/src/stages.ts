@@ -15,6 +15,9 @@ const TONES: Record<string, string> = {
   note: "quiet",
   "in use": "busy",
   complete: "good",
+  valid: "good",
+  expired: "quiet",
+  revoked: "quiet",
   open: "busy",
 };
 

@@ -9,11 +9,16 @@ from playwright.sync_api import expect
 
 VIEWS = {
     "/": "Workspaces",
+    "/-/tokens": "Tokens",
+    "/-/audit": "Audit log",
     "/ball/overview?list=maplets&show=returns,mapolas,images": "ball",
     "/ball/solutions": "Solutions",
     "/ball/jobs": "Jobs",
     "/ball/jobs/new": "New run",
+    "/ball/jobs/new/others": "Other jobs",
+    "/ball/jobs/new/images": "Import images",
     "/ball/jobs/uploads": "Uploads",
+    "/ball/jobs/outputs": "Outputs",
     "/ball/products": "Products",
     "/ball/runs": "Runs",
     "/ball/runs/imported:mapolas": "Run imported:mapolas",

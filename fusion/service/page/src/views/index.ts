@@ -1,5 +1,7 @@
 // All views by their names. Those with large libraries load when they are opened.
 import type { View } from "../router";
+import { audit } from "./admin/audit";
+import { tokens } from "./admin/tokens";
 import { jobs } from "./jobs/index";
 import { overview } from "./overview/index";
 import { products } from "./products";
@@ -11,6 +13,8 @@ const here = (view: View) => () => Promise.resolve(view);
 
 export const VIEWS: Record<string, () => Promise<View>> = {
   workspaces: here(workspaces),
+  tokens: here(tokens),
+  audit: here(audit),
   overview: here(overview),
   body: async () => (await import("./body")).body,
   map: async () => (await import("./map")).map,
@@ -33,4 +37,11 @@ export const NAVIGATION: [view: string, title: string][] = [
   ["jobs", "Jobs"],
   ["products", "Products"],
   ["runs", "Runs"],
+];
+
+/** What the navigation of the whole service shows to administrators. */
+export const ADMINISTRATION: [view: string, title: string][] = [
+  ["workspaces", "Workspaces"],
+  ["tokens", "Tokens"],
+  ["audit", "Audit log"],
 ];

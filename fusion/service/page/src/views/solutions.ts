@@ -86,7 +86,7 @@ function described(one: Solution, tree: Tree, workspace: string): HTMLElement {
   return element(
     "div",
     { class: "node" },
-    element("div", {}, element("strong", {}, one.name), " ", one.name === tree.in_use && state("in use")),
+    element("div", {}, element("strong", {}, one.name), " ", one.name === tree.in_use && state("in use"), " ", actions(one, tree, workspace)),
     facts([
       ["made by", one.made_by],
       ...(one.made ? [["made", moment(one.made)] as [string, Child]] : []),
@@ -101,6 +101,13 @@ function described(one: Solution, tree: Tree, workspace: string): HTMLElement {
         : []),
     ]),
   );
+}
+
+/** Return links to the forms of what can be done with a solution. */
+function actions({ name }: Solution, tree: Tree, workspace: string): HTMLElement {
+  const inUse = name === tree.in_use;
+  const link = (title: string, kind: string): HTMLElement => element("a", { href: hrefOf(workspace, "jobs", ["new", kind], { name }), "aria-label": `${title} ${name}` }, title);
+  return element("span", { class: "links" }, !inUse && link("Use", "solution-use"), link("Export", "solution-export"), !inUse && name !== tree.solutions[0]!.name && link("Remove", "solution-remove"));
 }
 
 function factText(key: string, value: unknown, all: Record<string, unknown>): string {

@@ -1,10 +1,11 @@
 // The start: all workspaces that may be read, each with its state.
-import { ApiProblem, getAll, getJson, pathOf, send } from "../api";
+import { ApiProblem, getAll, getJson, pathOf } from "../api";
 import { element, fill } from "../dom";
 import { count, partsPerMillion } from "../format";
 import { hrefOf, type View } from "../router";
 import { inOrder, state } from "../stages";
 import { table } from "../table";
+import { newWorkspace } from "./beginning";
 import type { Overview } from "./overview/values";
 
 interface Row {
@@ -21,7 +22,7 @@ export const workspaces: View = {
   async open(root, _route, signal) {
     const names = (await getAll<{ name: string }>("/workspaces", "workspaces", { signal })).map((one) => one.name);
     const place = element("div");
-    fill(root, element("h1", {}, "Workspaces"), place, newWorkspace());
+    fill(root, element("h1", {}, "Workspaces"), place, newWorkspace(signal));
     if (!names.length) {
       fill(place, element("p", { class: "quiet" }, "There is no workspace yet, or the token may read none."));
       return;
@@ -74,34 +75,4 @@ function stateOf(row: Row): Node | string | null {
   if (problems.length) return state(`${problems.length} problem${problems.length > 1 ? "s" : ""}`);
   const next = inOrder(Object.keys(stages)).find((name) => stages[name] !== "up to date");
   return next ? element("span", { class: "quiet" }, `next: ${next}`) : state("up to date");
-}
-
-function newWorkspace(): HTMLElement {
-  const name = element("input", { id: "new-name", required: true, pattern: "[A-Za-z0-9][A-Za-z0-9_.\\-]*", maxlength: 64, autocomplete: "off" });
-  const body = element("input", { id: "new-body", required: true, maxlength: 100, autocomplete: "off" });
-  const answer = element("p", { role: "status" });
-  async function make(event: Event): Promise<void> {
-    event.preventDefault();
-    try {
-      await send("POST", "/workspaces", { name: name.value, body: body.value });
-      fill(answer, "The workspace is being made: ", element("a", { href: hrefOf(name.value, "jobs") }, "its jobs"));
-    } catch (error) {
-      fill(answer, element("span", { class: "problem" }, error instanceof ApiProblem ? error.line : String(error)));
-    }
-  }
-  return element(
-    "details",
-    { class: "below" },
-    element("summary", {}, "New workspace"),
-    element(
-      "form",
-      { class: "row", onsubmit: (event: Event) => void make(event) },
-      element("label", { for: "new-name" }, "Name"),
-      name,
-      element("label", { for: "new-body" }, "Body"),
-      body,
-      element("button", { type: "submit", class: "main" }, "Make"),
-    ),
-    answer,
-  );
 }

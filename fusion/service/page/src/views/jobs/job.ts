@@ -5,8 +5,12 @@ import { bytes, count, duration, moment } from "../../format";
 import { hrefOf, type Route } from "../../router";
 import { inOrder, state } from "../../stages";
 import { facts, table } from "../../table";
+import { TITLES } from "./kinds";
 import { progressBar, spent } from "./progress";
 import { ended, type Job, type Progress, type StageForecast } from "./values";
+
+/** Parameters that name what a job writes for its user. */
+const WRITING = ["out", "folder", "report"];
 
 interface StageResult {
   stage: string;
@@ -87,6 +91,8 @@ export async function showJob(root: HTMLElement, route: Route, id: string, signa
           `${job.error.item ? `Item ${job.error.item}: ` : ""}${job.error.text} (${job.error.code})`,
         ),
       button && element("p", {}, button),
+      ended(job) && job.kind in TITLES && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["new", job.kind], { again: job.id }) }, "Again, with changes")),
+      job.state === "finished" && WRITING.some((name) => typeof job.parameters[name] === "string") && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["outputs"]) }, "Outputs of jobs")),
     );
     if (focused && button) button.focus();
   }
@@ -107,14 +113,15 @@ function stateLine(content: JobEvent["content"]): string {
 }
 
 function resultOf(job: Job): HTMLElement | null {
-  const { forecast, stages } = job.result as { forecast?: Record<string, StageForecast>; stages?: StageResult[] };
+  const { forecast, stages } = job.result as { forecast?: Record<string, StageForecast>; stages?: unknown };
   if (forecast) return element("div", {}, element("h2", { id: "result" }, "Forecast"), forecastTable(forecast));
   if (!Object.keys(job.result).length) return null;
   return element(
     "div",
     {},
     element("h2", { id: "result" }, "Result"),
-    stages &&
+    // The description of a new workspace has states of stages by their names.
+    Array.isArray(stages) &&
       table<StageResult>(
         "Stages of the run",
         [
@@ -123,7 +130,7 @@ function resultOf(job: Job): HTMLElement | null {
           { title: "Time", number: true, cell: (one) => duration(one.seconds) },
           { title: "Reason", cell: (one) => one.reason },
         ],
-        stages,
+        stages as StageResult[],
       ),
     element("details", {}, element("summary", {}, "As JSON"), element("pre", { tabindex: 0 }, JSON.stringify(job.result, null, 2))),
   );

@@ -14,21 +14,31 @@ export interface Upload {
   created: number;
 }
 
+/** Where files are sent to, and what is there already. */
+export interface Target {
+  workspace: string;
+  uploads: Upload[];
+  signal: AbortSignal;
+}
+
 const PART = 8 << 20;
 const TRIES = 5;
 const WAIT_MS = 2000;
 
-/** Send a file; `onStep` gets what is being done and how far that is, 0 … 1. */
+/** Return the uploads of a workspace, among which files are that were sent before. */
+export function uploadsOf(workspace: string, signal: AbortSignal): Promise<Upload[]> {
+  return getAll<Upload>(pathOf(workspace, "uploads"), "uploads", { signal });
+}
+
+/** Send a file that is not among the uploads; `onStep` gets what is being done and how far, 0 … 1. */
 export async function sendFile(
-  workspace: string,
+  { workspace, uploads, signal }: Target,
   file: File,
   kind: string,
-  signal: AbortSignal,
   onStep: (step: string, share: number) => void,
 ): Promise<Upload> {
   const sha256 = await digestOf(file, signal, (share) => onStep("checksum", share));
   const path = pathOf(workspace, "uploads");
-  const uploads = await getAll<Upload>(path, "uploads", { signal });
   const same = uploads.find((one) => one.sha256 === sha256 && one.size === file.size && one.kind === kind);
   if (same?.state === "complete") return same;
   const upload = same ?? (await send<Upload>("POST", path, { name: file.name, size: file.size, sha256, kind }, { signal }));

@@ -112,7 +112,7 @@ export function newKey(): string {
 }
 
 export function problem(error: unknown): HTMLElement {
-  const line = error instanceof ApiProblem ? error.line : error instanceof SyntaxError ? `Settings are no JSON: ${error.message}` : String(error);
+  const line = error instanceof ApiProblem ? error.line : error instanceof SyntaxError ? `Settings are no JSON: ${error.message}` : error instanceof Error ? error.message : String(error);
   return element("p", { class: "problem", role: "alert" }, line);
 }
 

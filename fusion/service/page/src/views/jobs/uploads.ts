@@ -1,32 +1,22 @@
 // Files from this computer to the workspace: sent in parts, then imported by a job.
-import { getAll, pathOf, send } from "../../api";
+import { pathOf, send } from "../../api";
 import { element, fill } from "../../dom";
 import { bytes, moment } from "../../format";
 import { hrefOf, type Route } from "../../router";
 import { state } from "../../stages";
 import { table } from "../../table";
-import { sendFile, type Upload } from "./sending";
-import { newKey, problem } from "./submission";
-import type { Job } from "./values";
+import { TITLES, UPLOADS } from "./kinds";
+import { uploadsOf, type Upload } from "./sending";
+import { problem } from "./submission";
+import { transfer } from "./transfer";
 
-const KINDS: Record<string, string> = {
-  scan: "Lidar scans",
-  image: "Images",
-  kernel: "Kernels, poses and camera files",
-  spc: "SPC files (maplets, SUMFILES, …)",
-  shape: "Shape model",
-};
-/** The kinds that a job brings into the workspace at once, and that job. */
-const IMPORTS: Record<string, { kind: string; title: string }> = {
-  scan: { kind: "import", title: "Import the scans" },
-  image: { kind: "images", title: "Import the images" },
-  spc: { kind: "init", title: "Add the SPC files" },
-};
+/** Which job takes uploads of a kind as its files. */
+const TAKEN: Record<string, string> = { scan: "import", image: "images", spc: "init" };
 
 /** Show the uploads of a workspace, and send further files. */
 export async function showUploads(root: HTMLElement, route: Route, signal: AbortSignal): Promise<void> {
   const { workspace } = route;
-  const kind = element("select", { id: "kind" }, ...Object.entries(KINDS).map(([name, title]) => element("option", { value: name }, title)));
+  const kind = element("select", { id: "kind" }, ...Object.entries(UPLOADS).map(([name, title]) => element("option", { value: name }, title)));
   const files = element("input", { id: "files", type: "file", multiple: true, required: true });
   const steps = element("ul", { class: "steps", "aria-live": "off" });
   const place = element("section", { "aria-labelledby": "there" });
@@ -55,30 +45,15 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
   async function start(event: Event): Promise<void> {
     event.preventDefault();
     button.disabled = true;
-    for (const file of files.files ?? []) await sendOne(file, kind.value);
+    const target = { workspace, uploads: await uploadsOf(workspace, signal), signal };
+    for (const file of files.files ?? []) await transfer(target, file, kind.value, steps);
     button.disabled = false;
     files.value = "";
     if (!signal.aborted) await refresh();
   }
 
-  async function sendOne(file: File, of: string): Promise<void> {
-    const bar = element("progress", { max: 1, value: 0, "aria-label": `Transfer of ${file.name}` });
-    const what = element("span", { class: "quiet" });
-    const line = element("li", {}, `${file.name}, ${bytes(file.size)} `, bar, " ", what);
-    steps.append(line);
-    try {
-      await sendFile(workspace, file, of, signal, (step, share) => {
-        bar.value = share;
-        what.textContent = `${step} ${Math.round(share * 100)} %`;
-      });
-      what.textContent = "complete";
-    } catch (error) {
-      if (!signal.aborted) fill(line, `${file.name} `, problem(error));
-    }
-  }
-
   async function refresh(): Promise<void> {
-    const uploads = await getAll<Upload>(pathOf(workspace, "uploads"), "uploads", { signal });
+    const uploads = await uploadsOf(workspace, signal);
     fill(
       place,
       element("h2", { id: "there" }, "Arrived"),
@@ -86,9 +61,10 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
       element(
         "div",
         { class: "row" },
-        ...Object.entries(IMPORTS).map(([of, { kind: job, title }]) => {
+        ...Object.entries(TAKEN).map(([of, job]) => {
           const ready = uploads.filter((one) => one.kind === of && one.state === "complete");
-          return ready.length > 0 && element("button", { type: "button", class: "main", onclick: () => void bring(job, ready) }, `${title} (${ready.length})`);
+          const query = { uploads: "all" };
+          return ready.length > 0 && element("a", { class: "button main", href: hrefOf(workspace, "jobs", ["new", job], query) }, `${TITLES[job]!} (${ready.length}) …`);
         }),
       ),
     );
@@ -99,7 +75,7 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
       "Uploads",
       [
         { title: "File", by: (one) => one.name, cell: (one) => one.name },
-        { title: "What", by: (one) => one.kind, cell: (one) => KINDS[one.kind] ?? one.kind },
+        { title: "What", by: (one) => one.kind, cell: (one) => UPLOADS[one.kind] ?? one.kind },
         { title: "Arrived", number: true, by: (one) => one.offset, cell: (one) => `${bytes(one.offset)} of ${bytes(one.size)}` },
         { title: "State", cell: (one) => state(one.state) },
         { title: "Begun", by: (one) => one.created, cell: (one) => element("span", { class: "number" }, moment(one.created)) },
@@ -117,16 +93,6 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
     try {
       await send("DELETE", pathOf(workspace, "uploads", upload.id), undefined, { signal });
       await refresh();
-    } catch (error) {
-      if (!signal.aborted) fill(answer, problem(error));
-    }
-  }
-
-  async function bring(job: string, ready: Upload[]): Promise<void> {
-    try {
-      const body = { kind: job, parameters: { uploads: ready.map((one) => one.id) } };
-      const made = await send<Job>("POST", pathOf(workspace, "jobs"), body, { signal, headers: { "Idempotency-Key": newKey() } });
-      location.hash = hrefOf(workspace, "jobs", [made.id]);
     } catch (error) {
       if (!signal.aborted) fill(answer, problem(error));
     }
