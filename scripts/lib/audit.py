@@ -6,6 +6,7 @@ Exit code 0: asked, and nothing was found. 1: something was found. 3: it could n
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -102,7 +103,11 @@ def report(name: str, verdict: Verdict) -> int:
 
 
 def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    # Node trusts what the machine trusts, as pip does.
+    environment = {**os.environ, "NODE_USE_SYSTEM_CA": "1"}
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
 
 
 def _last_line(errors: str) -> str:
