@@ -209,9 +209,14 @@ class _Described:
         steps.__signature__ = self._signature  # type: ignore[attr-defined]
         steps.__annotations__["return"] = result
 
-    def _bound(self, called: Callable[..., Any]) -> Callable[..., Any]:
-        """Return `called` with the documentation and the arguments of a method."""
-        update_wrapper(called, self._steps)
+    def _bound(self, session: Any, does: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a method of a session that `does` the steps."""
+        made = self._steps
+
+        def called(*args: Any, **kwargs: Any) -> Any:
+            return does(made(session, *args, **kwargs), session.doing())
+
+        update_wrapper(called, made)
         _, *others = self._signature.parameters.values()
         called.__signature__ = self._signature.replace(parameters=others)  # type: ignore[attr-defined]
         return called
@@ -234,15 +239,7 @@ class call(_Described, Generic[Given, Result]):  # noqa: N801  a decorator
     def __get__(self, session: Blocking | Awaiting | None, kind: Any = None) -> Any:
         if session is None:
             return self._steps
-        made = self._steps
-
-        def called(*args: Given.args, **kwargs: Given.kwargs) -> Any:
-            steps = made(session, *args, **kwargs)
-            if isinstance(session, Blocking):
-                return run(steps, session.doing())
-            return run_async(steps, session.doing())
-
-        return self._bound(called)
+        return self._bound(session, run if isinstance(session, Blocking) else run_async)
 
 
 class stream(_Described, Generic[Given, Result]):  # noqa: N801  a decorator
@@ -262,12 +259,4 @@ class stream(_Described, Generic[Given, Result]):  # noqa: N801  a decorator
     def __get__(self, session: Blocking | Awaiting | None, kind: Any = None) -> Any:
         if session is None:
             return self._steps
-        made = self._steps
-
-        def called(*args: Given.args, **kwargs: Given.kwargs) -> Any:
-            steps = made(session, *args, **kwargs)
-            if isinstance(session, Blocking):
-                return _done(steps, session.doing())
-            return _done_async(steps, session.doing())
-
-        return self._bound(called)
+        return self._bound(session, _done if isinstance(session, Blocking) else _done_async)

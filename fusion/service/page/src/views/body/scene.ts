@@ -156,7 +156,7 @@ export class BodyScene {
     if (!this.asked) this.asked = requestAnimationFrame(() => this.frame());
   }
 
-  /** Return what lies under CSS pixels of the canvas; null beside the body. */
+  /** Return what lies under CSS pixels of the canvas; null off the body. */
   pick(x: number, y: number): Picked | null {
     const { clientWidth, clientHeight } = this.canvas;
     this.camera.setViewOffset(clientWidth, clientHeight, x, y, 1, 1);

@@ -1,4 +1,4 @@
-// The map of a surface: its layers, a second surface beside it, a profile, values under the cursor.
+// The map of a surface: its layers, a second surface next to it, a profile, values under the cursor.
 import type OlMap from "ol/Map.js";
 import { ApiProblem, getAll, pathOf } from "../../api";
 import { element, fill } from "../../dom";

@@ -96,7 +96,7 @@ export class Surface {
     return found;
   }
 
-  /** Return all layers at a point on the grid; null beside it. */
+  /** Return all layers at a point on the grid; null outside it. */
   async values([x, y]: Point, signal: AbortSignal): Promise<PointValues | null> {
     if (Math.max(Math.abs(x), Math.abs(y)) > this.about.side_m / 2) return null;
     return getJson<PointValues>(`${this.path}/value?x=${x}&y=${y}`, { signal });
