@@ -118,8 +118,16 @@ class Places:
         return outputs_folder(self.folder, workspace)
 
     def without_folder(self, text: str) -> str:
-        """Return a text in which files are named from the folder of the service on."""
-        return without_paths(text, self.folder)
+        """Return a text in which files are named from the folder of the service on.
+
+        An upload has the name that its user gave it.
+        """
+        return without_paths(self.without_uploads(text), self.folder)
+
+    def without_uploads(self, text: str) -> str:
+        """Return a text in which uploads have the names that their users gave them."""
+        uploads = re.escape(str(uploads_folder(self.folder)))
+        return re.sub(rf"{uploads}/[A-Za-z0-9_-]+/file/", "", text)
 
     def without_folder_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`without_folder`."""
@@ -205,8 +213,7 @@ class Desk:
     def named(self, text: str) -> str:
         """Return a text in which the files of the job have the names that users know."""
         text = text.replace(f"{self.written}/", "outputs/").replace(f"{self.read}/", "")
-        uploads = re.escape(str(uploads_folder(self.places.folder)))
-        return re.sub(rf"{uploads}/[A-Za-z0-9_-]+/file/", "", text)
+        return self.places.without_uploads(text)
 
     def named_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`named`."""
