@@ -1,5 +1,6 @@
 """Heights from slopes and constraints, and their uncertainty."""
 
+from spcola.heights.banded import inverse_diagonal
 from spcola.heights.means import MeanConstraints
 from spcola.heights.posterior import posterior_sigma
 from spcola.heights.problem import HeightProblem
@@ -11,6 +12,7 @@ __all__ = [
     "HeightSystem",
     "MeanConstraints",
     "SolverOptions",
+    "inverse_diagonal",
     "posterior_sigma",
     "solve_heights",
 ]

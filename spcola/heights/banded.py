@@ -39,7 +39,7 @@ class BandedFactor:
 
     def variance(self) -> FloatArray:
         """Return the diagonal of the inverse (R, C), m²; NaN on floating parts and holes."""
-        diagonal = _inverse_diagonal(np.ascontiguousarray(self._factor.T))
+        diagonal = inverse_diagonal(np.ascontiguousarray(self._factor.T))
         return np.where(self._unknown, np.nan, diagonal.reshape(self._shape))
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -92,7 +92,7 @@ def _add_means(sets: Sets, weight: FloatArray, band: FloatArray) -> None:
 
 
 @compiled
-def _inverse_diagonal(factor: FloatArray) -> FloatArray:
+def inverse_diagonal(factor: FloatArray) -> FloatArray:
     """Diagonal of ``(L Lᵀ)⁻¹`` by Takahashi's recursion, `factor[j, k] = L[j + k, j]`.
 
     Going backward, column j of the inverse within the band follows from the block of the

@@ -36,8 +36,7 @@ class SightOptions:
     ----------
     capture_m : float
         Largest displacement that is searched, metres.
-    function : callable
-        Photometric function Φ.
+    function : PhotometricFunction
     psf_px : float
         Standard deviation of the optics' point spread, pixels.
     min_correlation : float

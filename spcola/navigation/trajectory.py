@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 from scipy.sparse import csr_array
 
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
@@ -122,6 +121,9 @@ class Trajectory:
         covered = self.covers(wanted, max_gap_s=max_gap_s)
         positions = np.full((len(wanted), 3), np.nan)
         if len(self.time) >= 4:
+            # As long to import as all of NumPy.
+            from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
             positions[covered] = CubicSpline(self.time, self.position)(wanted[covered])
         else:
             positions[covered] = straight_lines(self.time, self.position, wanted[covered])

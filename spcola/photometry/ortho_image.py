@@ -17,6 +17,8 @@ from spcola.shape import RayCaster
 
 # Distance of a ray from its own grid before other ground may occlude it, grid steps.
 _CLEAR = 2.0
+# Ground of the body over the grid is other ground from this height on, in radii of the grid.
+_ABOVE = 0.5
 # Most samples across a cell: a pixel sixteen times smaller than a cell.
 _MOST_SAMPLES = 16
 # Margin of the window of pixels, against effects of the spline at its edge.
@@ -83,8 +85,9 @@ def view_of(
     """Return the geometry of ground in an image.
 
     Occlusion and shadow by the ground itself follow the ray over its bilinear heights; those by
-    other ground follow the rays cast at `beyond` from where a ray leaves the grid. A ray that
-    leaves it inside that body, whose surface may be coarser, is not occluded there.
+    other ground follow the rays cast at `beyond`. A ray that leaves the grid inside that body,
+    whose surface may be coarser, is not occluded there. Over the grid only ground counts that is
+    higher than its own by half of its radius: what hangs over it.
 
     Parameters
     ----------
@@ -119,8 +122,8 @@ def view_of(
         seen &= ~hidden(ground.height, place)
         lit &= ~cast_shadow(ground.height, sun * step)
     if beyond is not None:
-        _stop(seen, beyond, ground, eye)
-        _stop(lit, beyond, ground, np.broadcast_to(sun, eye.shape))
+        stop_at_other_ground(seen, beyond, ground, eye)
+        stop_at_other_ground(lit, beyond, ground, np.broadcast_to(sun, eye.shape))
     cells = Facets.of(ground, image)
     phase = np.arccos(np.clip(cells.eye @ sun, -1.0, 1.0))
     cosines = cells.cosine(sun), cells.cosine(cells.eye)
@@ -142,7 +145,9 @@ def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
     return footprint
 
 
-def _stop(reached: BoolArray, beyond: RayCaster, ground: Ground, direction: FloatArray) -> None:
+def stop_at_other_ground(
+    reached: BoolArray, beyond: RayCaster, ground: Ground, direction: FloatArray
+) -> None:
     """Clear `reached` (R, C) where other ground occludes the directions (R, C, 3)."""
     chosen = np.nonzero(reached)
     if not chosen[0].size:
@@ -153,13 +158,44 @@ def _stop(reached: BoolArray, beyond: RayCaster, ground: Ground, direction: Floa
         # Distance to the border of the square in the ray's direction, grid steps along the ray.
         border = (np.sign(along[:, :2]) * grid.half_size - steps) / along[:, :2]
     way = grid.gsd * (np.nanmin(np.maximum(border, 0.0), axis=1) + _CLEAR)
-    # A ray that remains over its grid until it is above the whole body is not occluded.
-    far = np.flatnonzero(np.isfinite(way) & (way < 2.0 * beyond.radius))
-    body_fixed = along[far] @ grid.axes
-    hits = beyond.cast(ground.points[chosen][far] + way[far, None] * body_fixed, body_fixed)
-    from_outside = np.sum(hits.normals * body_fixed, axis=1) < 0.0
-    stopped = far[hits.hit & from_outside]
+    # A ray that is over its grid until it is above the whole body meets nothing beyond its border.
+    way = np.where(np.isfinite(way), np.minimum(way, 2.0 * beyond.radius), 2.0 * beyond.radius)
+    points, beams = ground.points[chosen], along @ grid.axes
+    first = np.minimum(way, _ABOVE * grid.radius)
+    distance, outside = _met(beyond, points, beams, first)
+    stopped = outside & (distance >= way)
+    over = np.flatnonzero(distance < way)
+    if over.size:
+        # Over the grid the body is the same ground, or other ground that hangs over it.
+        met = points[over] + distance[over, None] * beams[over]
+        other = outside[over] & (_height_above(ground, met) > _ABOVE * grid.radius)
+        stopped[over[other]] = True
+        own = over[~other]
+        stopped[own] = _met(beyond, points[own], beams[own], way[own])[1]
     reached[chosen[0][stopped], chosen[1][stopped]] = False
+
+
+def _met(
+    beyond: RayCaster, points: FloatArray, beams: FloatArray, start: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return how far along rays (N, 3) from points a body is met, and whether from outside.
+
+    What is nearer than `start` (N,), metres, is passed; infinity where nothing is met.
+    """
+    hits = beyond.cast(points + start[:, None] * beams, beams)
+    outside = hits.hit & (np.sum(hits.normals * beams, axis=1) < 0.0)
+    return np.where(hits.hit, start + hits.distance, np.inf), outside
+
+
+def _height_above(ground: Ground, points: FloatArray) -> FloatArray:
+    """Return how far points (N, 3) over a grid lie above its ground, metres; 0 where unknown."""
+    grid = ground.grid
+    local = (points - grid.center) @ grid.axes.T
+    column, row = (
+        np.clip(np.rint(local[:, k] / grid.gsd).astype(np.int64) + grid.half_size, 0, grid.size - 1)
+        for k in (0, 1)
+    )
+    return np.nan_to_num(local[:, 2] - ground.height[row, column])
 
 
 def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:

@@ -32,8 +32,7 @@ def render_view(
     Parameters
     ----------
     view : View
-    function : callable
-        Photometric function Φ.
+    function : PhotometricFunction
     albedo : (R, C) ndarray, optional
         Relative albedo 1 + tz; 1 if not given.
     psf_px : float
@@ -45,8 +44,7 @@ def render_view(
         NaN where the ground is not visible, and where it does not fill its pixels: at the edges of
         the grid and around unknown heights.
     """
-    with np.errstate(invalid="ignore"):
-        value = function(view.cos_incidence, view.cos_emission, view.phase)
+    value = function(view.cos_incidence, view.cos_emission, view.phase)
     if albedo is not None:
         value = value * at_cells(albedo)
     lit = at_cells(np.where(np.isfinite(view.pixel), view.lit, np.nan))

@@ -29,8 +29,6 @@ _UNKNOWNS = 3
 _SEPARABLE = 1e-9
 # An image whose pixels are wider than this, grid steps, shows no detail of the grid.
 _COARSEST = 5.0
-# Step of a cosine for the numerical derivative of a photometric function.
-_COSINE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +74,7 @@ def slope_variance(
         Its slopes are those of its heights.
     images : iterable of SpcImage
         With or without pixels; taken one by one.
-    function : callable
-        Photometric function Φ.
+    function : PhotometricFunction
     framed : bool
         Whether a point has to lie on the detector: not if `images` represent others taken in the
         same light.
@@ -140,23 +137,16 @@ def _add_image(
     sun, eye = ground.sun(image), ground.eye(image)
     incidence, emission = ground.cosine(sun), ground.cosine(eye)
     phase = np.arccos(np.clip(eye @ sun, -1.0, 1.0))
-    with np.errstate(invalid="ignore"):
-        value = function(incidence, emission, phase)
-        by_sun = function(incidence + _COSINE, emission, phase) - function(
-            incidence - _COSINE, emission, phase
-        )
-        by_eye = function(incidence, emission + _COSINE, phase) - function(
-            incidence, emission - _COSINE, phase
-        )
+    shade = function.partials(incidence, emission, phase)
     # λ makes the means equal: exposures are chosen for a mean well between the thresholds.
-    scale = 1.0 / (float(np.mean(value[lit])) * max(ground.pixel(image), 1.0))
+    scale = 1.0 / (float(np.mean(shade.value[lit])) * max(ground.pixel(image), 1.0))
     rows = [
-        scale * (by_sun * sun_part + by_eye * eye_part) / (2.0 * _COSINE)
+        scale * (shade.by_cos_incidence * sun_part + shade.by_cos_emission * eye_part)
         for sun_part, eye_part in zip(
             ground.partials(sun, incidence), ground.partials(eye, emission), strict=True
         )
     ]
-    x, y, albedo = (np.where(lit, row, 0.0) for row in (*rows, scale * value))
+    x, y, albedo = (np.where(lit, row, 0.0) for row in (*rows, scale * shade.value))
     matrix += [x * x, x * y, y * y, x * albedo, y * albedo, albedo * albedo]
 
 

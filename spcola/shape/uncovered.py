@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spcola.arrays import FloatArray, IntArray
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
 from spcola.grids import MapletGrid
 from spcola.shape.samples import Samples
@@ -30,9 +30,13 @@ class Uncovered:
     side, depth : float
         A grid covers a sample within `side` of its centre along Ux and Uy and within `depth`
         along Uz, on a surface that faces Uz; metres.
+    wanted : (N,) bool ndarray, optional
+        Samples that are to be covered; the others only take part in mean normals.
     """
 
-    def __init__(self, samples: Samples, side: float, depth: float) -> None:
+    def __init__(
+        self, samples: Samples, side: float, depth: float, wanted: BoolArray | None = None
+    ) -> None:
         self._limits = (side, depth)
         edge = 2.0 * max(side, depth)
         cube = np.floor(samples.points / edge).astype(np.int64)
@@ -47,6 +51,8 @@ class Uncovered:
         self._row = np.empty(len(order), dtype=np.int64)
         self._row[order] = np.arange(len(order))
         self._distance = np.full(len(order), np.inf)
+        if wanted is not None:
+            self._distance[~wanted[order]] = COVERED
         self._furthest = self._start[:-1].copy()
         self._far = np.inf
 

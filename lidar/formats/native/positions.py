@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
@@ -53,6 +52,9 @@ class Flight:
     @cached_property
     def _coefficients(self) -> FloatArray:
         """Coefficients of each piece (K − 1, 4, 3), the cube's first."""
+        # As long to import as all of NumPy.
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
         pieces = CubicSpline(self.time, self.position).c
         return np.ascontiguousarray(np.moveaxis(pieces, 1, 0))
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from spcola.arrays import FloatArray
 from spcola.camera.detector.bit_depth import BitDepth, Bits, StoredPixels, scaling_for, to_unsigned
 from spcola.camera.detector.frames import divide_flat, subtract_dark
 from spcola.camera.detector.pixels import PixelValues
 from spcola.camera.detector.smear import FrameTransfer, remove_smear
 from spcola.camera.detector.thresholds import bright_threshold, check_thresholds, shadow_threshold
+from spcola.errors import InvalidValueError
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +21,11 @@ class Preparation:
 
     Parameters
     ----------
+    gamma : float
+        Brightness is the number in the file to this power: 2 of square-root encoding, 1 where both
+        are proportional.
     dark, flat : (lines, samples) ndarray, optional
-        Dark frame and flat field.
+        Dark frame and flat field; of brightness, not of encoded numbers.
     dark_scale : float
         Ratio of the exposure times of image and dark frame.
     smear : FrameTransfer, optional
@@ -27,14 +33,21 @@ class Preparation:
     depth : BitDepth, optional
         Scaling; if not given, by :func:`scaling_for` with `bits`.
     bits : {8, 16}, optional
-        Of a stored pixel; if not given, 8 for a file of 8 bits without sign, otherwise 16.
+        Of a stored pixel; if not given, 8 for a file of 8 bits without sign that is not encoded,
+        otherwise 16.
     low, high : int, optional
         Thresholds in DN; if not given, `low` by :func:`shadow_threshold`, and `high` the largest
         DN, less 1 if pixels are saturated.
     bright_background : bool
         Whether `high`, if not given, is that of :func:`bright_threshold`.
+
+    Raises
+    ------
+    InvalidValueError
+        If gamma is not positive.
     """
 
+    gamma: float = 1.0
     dark: FloatArray | None = None
     flat: FloatArray | None = None
     dark_scale: float = 1.0
@@ -44,6 +57,10 @@ class Preparation:
     low: int | None = None
     high: int | None = None
     bright_background: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gamma < np.inf:
+            raise InvalidValueError(f"is {self.gamma}", "gamma", "give a positive number")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +79,7 @@ class PreparedPixels:
 
 
 def prepare_pixels(pixels: PixelValues, preparation: Preparation) -> PreparedPixels:
-    """Subtract the dark frame, remove smear, divide by the flat field, scale, find thresholds.
+    """Undo encoding, subtract dark, remove smear, divide by the flat field, scale, find thresholds.
 
     Parameters
     ----------
@@ -78,15 +95,35 @@ def prepare_pixels(pixels: PixelValues, preparation: Preparation) -> PreparedPix
         If a threshold cannot be found.
     """
     raw = pixels.values.dtype
+    encoded = preparation.gamma != 1.0
+    if encoded:
+        pixels = decoded(pixels, preparation.gamma)
     if preparation.dark is not None:
         pixels = subtract_dark(pixels, preparation.dark, scale=preparation.dark_scale)
     if preparation.smear is not None:
         pixels = remove_smear(pixels, preparation.smear)
     if preparation.flat is not None:
         pixels = divide_flat(pixels, preparation.flat)
-    bits: Bits = preparation.bits or (8 if raw.kind == "u" and raw.itemsize == 1 else 16)
+    bits: Bits = preparation.bits or (
+        8 if raw.kind == "u" and raw.itemsize == 1 and not encoded else 16
+    )
     stored = to_unsigned(pixels, preparation.depth or scaling_for(pixels, bits))
     return PreparedPixels(stored, _thresholds(stored, preparation))
+
+
+def decoded(pixels: PixelValues, gamma: float) -> PixelValues:
+    """Return pixels whose values are proportional to light: those in the file to a power.
+
+    Products for browsing, and frames that were encoded on board, have numbers that grow as a root
+    of the brightness. Numbers below 0, which such an encoding does not have, become 0.
+
+    Parameters
+    ----------
+    pixels : PixelValues
+    gamma : float
+    """
+    values = np.where(pixels.valid, pixels.values, 0).astype(np.float64)
+    return pixels.with_values(np.maximum(values, 0.0) ** gamma)
 
 
 def _thresholds(stored: StoredPixels, preparation: Preparation) -> tuple[int, int]:

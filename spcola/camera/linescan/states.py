@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from spcola.arrays import FloatArray
@@ -43,6 +42,9 @@ def interpolate_positions(
     inside = _inside(times, wanted)
     if len(times) == 1:
         return np.repeat(positions, len(wanted), axis=0)
+    # As long to import as all of NumPy; most programs need it never.
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline  # noqa: PLC0415
+
     if velocities is not None:
         found: FloatArray = CubicHermiteSpline(times, positions, velocities)(inside)
     elif len(times) > 3:

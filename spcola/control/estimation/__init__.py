@@ -5,6 +5,7 @@ from spcola.control.estimation.state_errors import (
     MeasuredLandmarks,
     by_position_and_pointing,
     measured_sigma,
+    shift_covariance,
     state_covariance,
 )
 
@@ -13,6 +14,7 @@ __all__ = [
     "MeasuredLandmarks",
     "by_position_and_pointing",
     "measured_sigma",
+    "shift_covariance",
     "solve_landmark",
     "state_covariance",
     "state_partials",

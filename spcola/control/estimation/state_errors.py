@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, partials_position, project_image
-from spcola.control.estimation.landmark_fit import solve_state
+from spcola.control.estimation.landmark_fit import solve_state, state_partials
 from spcola.errors import NotObservableError
 from spcola.math.robust import mad
 
@@ -100,6 +100,22 @@ def state_covariance(
         raise NotObservableError("states no sigma, and has no landmarks", (), where=image.name)
     stated = replace(image, pointing_sigma=np.array([np.nan, np.nan, turns[2]]))
     return solve_state(stated, points, observed, noise, landmark_sigma=spread).covariance
+
+
+def shift_covariance(image: SpcImage, covariance: FloatArray, point: ArrayLike) -> FloatArray:
+    """Return the covariance (2, 2), pixels², of the place of ground in an image by its state.
+
+    Parameters
+    ----------
+    image : SpcImage
+    covariance : (6, 6) ndarray
+        Of its state, as :func:`state_covariance`.
+    point : (3,) array_like
+        Body-fixed, metres.
+    """
+    partials = state_partials(image, point)
+    placed: FloatArray = partials @ covariance @ partials.T
+    return placed
 
 
 def by_position_and_pointing(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

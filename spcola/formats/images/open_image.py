@@ -22,6 +22,8 @@ from spcola.formats.images.raster_image import read_raster_layout
 from spcola.formats.images.special_values import SpecialValues, check_scaling
 from spcola.formats.text import read_bytes
 
+__all__ = ["files_of_image", "is_plain", "open_image"]
+
 _DRIVERS = {ImageFormat.TIFF: "GTiff", ImageFormat.PNG: "PNG"}
 _STARTS = {
     b"SIMPLE  =": ImageFormat.FITS,
@@ -77,6 +79,39 @@ def open_image(
     check_scaling(image.scale, image.base, path)
     notes = (*image.notes, *image.label.notes, *exposure_notes(image.label))
     return replace(image, notes=tuple(dict.fromkeys(notes)))
+
+
+def files_of_image(path: str | Path) -> tuple[Path, ...]:
+    """Return the files that an image is made of: its pixels and its label, itself first.
+
+    A file that is no image, or whose other part is missing, is alone.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    path = Path(path)
+    try:
+        image = open_image(path)
+    except (FormatError, InvalidValueError):
+        return (path,)
+    others = [one for one in (image.pixel_path, image.label_path) if one is not None]
+    return (path, *(one for one in dict.fromkeys(others) if not one.samefile(path)))
+
+
+def is_plain(path: Path) -> bool:
+    """Return whether a file has no header: pixels that a label describes, or no image.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    return _kind_of(path) is None
 
 
 def _kind_of(path: Path) -> ImageFormat | None:

@@ -75,7 +75,7 @@ class MapHeader:
 
 
 def map_length(half_size: int) -> int:
-    """Length in bytes of a .MAP file of half-size q: 72 (1 + ceil(3 (2q+1)² / 72))."""
+    """Length in bytes of a .MAP file of q = `half_size`: 72 (1 + ceil(3 (2q+1)² / 72))."""
     return RECORD * (1 - (-3 * (2 * half_size + 1) ** 2 // RECORD))
 
 

@@ -1,4 +1,4 @@
-"""Whole frames against the shape: rendering, orientation, offset, silhouette."""
+"""Whole frames against the shape: rendering, orientation, offset, silhouette, state."""
 
 from spcola.imagematching.frames.compare import FrameMatch, compare_frame, correlation_beyond
 from spcola.imagematching.frames.rendered import (

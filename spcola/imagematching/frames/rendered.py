@@ -9,7 +9,7 @@ import numpy as np
 from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage, ray
 from spcola.camera.linescan import LineScanImage
-from spcola.photometry.functions import lunar_lambert
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert
 from spcola.shape import RayCaster
 
 View = SpcImage | LineScanImage
@@ -30,11 +30,14 @@ class RenderedFrame:
         Relative brightness; 0 in shadow and off the body.
     body : (R, C) bool ndarray
         Whether the ray through the cell's centre meets the shape.
+    points : (R, C, 3) ndarray
+        Where it does, body-fixed, metres; NaN off the body.
     """
 
     step: int
     brightness: FloatArray
     body: BoolArray
+    points: FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,10 +66,9 @@ def render_frame(
     image: View,
     *,
     step: int = 1,
+    function: PhotometricFunction = lunar_lambert,
 ) -> RenderedFrame:
     """Return the shape as the camera of an image sees it, with cast shadows.
-
-    It scatters light as Lommel-Seeliger and Lambert (:func:`lunar_lambert`).
 
     Parameters
     ----------
@@ -76,6 +78,8 @@ def render_frame(
         State and camera; no pixels are needed.
     step : int
         Pixels along a side of a cell; cells that do not fit into the frame are left out.
+    function : PhotometricFunction
+        Lommel-Seeliger with Lambert if not given.
     """
     width, height = image.size
     rows, columns = height // step, width // step
@@ -85,9 +89,12 @@ def render_frame(
     hits = caster.cast(origins, beams)
     body = hits.hit
     value = np.zeros(len(beams))
-    value[body] = _brightness(caster, image, hits.points[body], hits.normals[body], beams[body])
+    points = np.where(body[:, None], hits.points, np.nan)
+    value[body] = _brightness(
+        caster, image, (points[body], hits.normals[body], beams[body]), function
+    )
     shape = (rows, columns)
-    return RenderedFrame(step, value.reshape(shape), body.reshape(shape))
+    return RenderedFrame(step, value.reshape(shape), body.reshape(shape), points.reshape(*shape, 3))
 
 
 def center_view(caster: RayCaster | None, image: View) -> CenterView:
@@ -153,11 +160,14 @@ def _angle(one: FloatArray, other: FloatArray) -> float:
 def _brightness(
     caster: RayCaster,
     image: View,
-    points: FloatArray,
-    normals: FloatArray,
-    beams: FloatArray,
+    seen: tuple[FloatArray, FloatArray, FloatArray],
+    function: PhotometricFunction,
 ) -> FloatArray:
-    """Return the brightness (N,) of points; 0 where the Sun does not reach them."""
+    """Return the brightness (N,) of ground; 0 where the Sun does not reach it.
+
+    `seen` are points, normals and beams from the camera, (N, 3) each.
+    """
+    points, normals, beams = seen
     cos_incidence = normals @ image.sun
     cos_emission = np.abs(np.einsum("ij,ij->i", normals, beams))
     phase = np.arccos(np.clip(-beams @ image.sun, -1.0, 1.0))
@@ -165,5 +175,5 @@ def _brightness(
     lit = np.flatnonzero(cos_incidence > 0.0)
     starts = points[lit] + _ABOVE * caster.radius * normals[lit]
     lit = lit[~caster.cast(starts, np.broadcast_to(image.sun, starts.shape)).hit]
-    value[lit] = lunar_lambert(cos_incidence[lit], cos_emission[lit], phase[lit])
+    value[lit] = function(cos_incidence[lit], cos_emission[lit], phase[lit])
     return value

@@ -1,4 +1,4 @@
-"""Errors that observations share, and the sizes of errors."""
+"""Errors that observations share, the sizes of errors, and tails of distributions."""
 
 from spcola.math.statistics.shared_errors import (
     SHARED,
@@ -7,10 +7,12 @@ from spcola.math.statistics.shared_errors import (
     patterns_of,
     strongest,
 )
+from spcola.math.statistics.tails import chi_square_tail
 from spcola.math.statistics.variance_components import most_likely_sizes
 
 __all__ = [
     "SHARED",
+    "chi_square_tail",
     "covariance_root",
     "most_likely_sizes",
     "own_share",

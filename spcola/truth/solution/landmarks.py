@@ -7,18 +7,15 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import ImagePoint, SpcImage, project_image
-from spcola.control import Landmark, MapOverlap
+from spcola.control import Landmark, overlaps_of
 from spcola.grids import MapletGrid
 from spcola.truth.campaign.states import SolvedState, StateSettings
 from spcola.truth.sampled.sampled_surface import SampledSurface
 
 _PRIOR_SIGMA = 5.0
-# Neighbours of a maplet: centres within its square, or not far outside, that face its way.
-_NEAR, _FACING = 1.5, 0.5
 
 
 class SolvedCenter(Protocol):
@@ -104,6 +101,7 @@ def landmarks_of(
     for image in images:
         for point in image.landmarks:
             pictures[point.name].append(ImagePoint(image.name, point.pixel, point.line))
+    overlaps_of_all = overlaps_of({center.name: center.grid for center in centers})
     return [
         Landmark(
             center.name,
@@ -114,27 +112,8 @@ def landmarks_of(
             pictures=tuple(pictures[center.name]),
             overlaps=overlaps,
         )
-        for center, overlaps in zip(centers, overlaps_of(centers), strict=True)
+        for center, overlaps in zip(centers, overlaps_of_all, strict=True)
     ]
-
-
-def overlaps_of(solved: Sequence[SolvedCenter]) -> list[tuple[MapOverlap, ...]]:
-    """Return, for each maplet, those whose centre lies within its square or not far outside."""
-    centers = np.array([one.grid.center for one in solved]).reshape(-1, 3)
-    normals = np.array([one.grid.uz for one in solved]).reshape(-1, 3)
-    tree = cKDTree(centers)
-    found = []
-    for number, one in enumerate(solved):
-        reach = _NEAR * one.grid.half_size
-        # A neighbour that faces this way at all is no higher than its distance.
-        near = np.array(tree.query_ball_point(centers[number], 2.0 * reach * one.grid.gsd))
-        near = np.sort(near[near != number])
-        x, y, height = one.grid.project(centers[near])
-        facing = normals[near] @ one.grid.uz > _FACING
-        taken = np.flatnonzero(facing & (np.maximum(np.abs(x), np.abs(y)) < reach))
-        numbers = np.round(np.stack([x, y, height / one.grid.gsd], axis=1), 2)
-        found.append(tuple(MapOverlap(solved[near[k]].name, *numbers[k].tolist()) for k in taken))
-    return found
 
 
 def _in_frame(image: SpcImage, measured: FloatArray) -> BoolArray:

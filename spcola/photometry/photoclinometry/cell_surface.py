@@ -1,0 +1,253 @@
+"""Heights from what cells between four points observe: slopes along any direction, mean heights.
+
+Unlike :class:`spcola.heights.HeightProblem`, whose steps between two points are independent, a cell
+has a 3 × 3 information matrix of (∂h/∂x, ∂h/∂y, h): where images determine one direction of the
+slope only, that direction enters and the other does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from spcola.arrays import FloatArray
+from spcola.compilation import compiled
+from spcola.heights import inverse_diagonal
+
+_TOLERANCE = 1e-4
+_MOST_ITERATIONS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class CellInformation:
+    """Information of cells on slopes and mean height, with common nuisance parameters.
+
+    Parameters
+    ----------
+    normal : (6, R − 1, C − 1) ndarray
+        Upper triangle, row by row, of the information of (∂h/∂x, ∂h/∂y, h) of each cell.
+    right : (3, R − 1, C − 1) ndarray
+        Right-hand sides.
+    coupled : (P, 3, R − 1, C − 1) ndarray
+        Products with the P nuisance parameters.
+    nuisance : (P, P) ndarray
+        Normal matrix of the nuisance parameters.
+    nuisance_right : (P,) ndarray
+    """
+
+    normal: FloatArray
+    right: FloatArray
+    coupled: FloatArray
+    nuisance: FloatArray
+    nuisance_right: FloatArray
+
+
+class CellSurface:
+    """Normal equations of the heights (R, C) of a grid, from cells and points.
+
+    Parameters
+    ----------
+    cells : CellInformation
+    gsd : float
+        Metres.
+    weight : (R, C) ndarray
+        Weights of single heights, 1/m².
+    right : (R, C) ndarray
+        Their right-hand sides.
+    twist : (R − 1, C − 1) ndarray
+        Weight of ``h00 − h01 − h10 + h11`` of each cell, 1/m²: cells do not see it.
+    """
+
+    def __init__(
+        self,
+        cells: CellInformation,
+        gsd: float,
+        weight: FloatArray,
+        right: FloatArray,
+        twist: FloatArray,
+    ) -> None:
+        self._shape = weight.shape
+        self._diagonals = np.zeros((5, *self._shape))
+        self._diagonals[0] = weight
+        self._right = np.array(right)
+        _assemble(cells.normal, cells.right, twist, gsd, self._diagonals, self._right)
+        count = len(cells.nuisance)
+        self._coupled = np.zeros((count, *self._shape))
+        for one, layer in zip(self._coupled, cells.coupled, strict=True):
+            _to_points(layer, gsd, one)
+        self._coupled = self._coupled.reshape(count, weight.size)
+        self._nuisance_normal = cells.nuisance
+        self._nuisance = cho_factor(cells.nuisance) if count else None
+        self._nuisance_right = cells.nuisance_right
+        self._factor = self._band()
+        _factorise(self._factor)
+
+    def _band(self) -> FloatArray:
+        """Return the lower band (points, columns + 2): row j has the matrix at (j + k, j)."""
+        rows, columns = self._shape
+        band = np.zeros((rows * columns, columns + 2))
+        places = (0, 1, columns - 1, columns, columns + 1)
+        for place, diagonal in zip(places, self._diagonals, strict=True):
+            band[:, place] += diagonal.ravel()
+        return band
+
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Return heights (R, C), metres, and nuisance parameters (P,)."""
+        right = self._right.ravel()
+        if self._nuisance is not None:
+            right = right - cho_solve(self._nuisance, self._nuisance_right) @ self._coupled
+        x = self._conjugate(right)
+        if self._nuisance is None:
+            return x.reshape(self._shape), np.zeros(0)
+        left = self._nuisance_right - self._coupled @ x
+        return x.reshape(self._shape), cho_solve(self._nuisance, left)
+
+    def _conjugate(self, right: FloatArray) -> FloatArray:
+        """Conjugate gradients, preconditioned by the factor without nuisance parameters."""
+        x = np.zeros(right.size)
+        residual = right.copy()
+        z = self._direct(residual)
+        direction, product = z, float(residual @ z)
+        first = product
+        for _ in range(_MOST_ITERATIONS):
+            if not product > _TOLERANCE**2 * first:
+                break
+            image = self._times(direction)
+            step = product / float(direction @ image)
+            x += step * direction
+            residual -= step * image
+            z = self._direct(residual)
+            following = float(residual @ z)
+            direction = z + (following / product) * direction
+            product = following
+        return x
+
+    def _direct(self, right: FloatArray) -> FloatArray:
+        solved = right.copy()
+        _substitute(self._factor, solved)
+        return solved
+
+    def _times(self, x: FloatArray) -> FloatArray:
+        out = np.empty(x.size)
+        _multiply(self._diagonals.reshape(5, -1), self._shape[1], x, out)
+        if self._nuisance is not None:
+            out -= cho_solve(self._nuisance, self._coupled @ x) @ self._coupled
+        return out
+
+    def variance(self) -> FloatArray:
+        """Return the variances (R, C) of the heights, m²; those of nuisance parameters enter."""
+        own = inverse_diagonal(self._factor)
+        if len(self._coupled):
+            solved = np.stack([self._direct(row) for row in self._coupled])
+            left = self._nuisance_normal - self._coupled @ solved.T
+            own = own + np.sum(solved * np.linalg.solve(left, solved), axis=0)
+        return own.reshape(self._shape)
+
+
+@compiled
+def _assemble(
+    normal: FloatArray,
+    right: FloatArray,
+    twist: FloatArray,
+    gsd: float,
+    diagonals: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Add each cell to its points: itself, next, below left, below, below right."""
+    half = 0.5 / gsd
+    square = half * half
+    for i in range(twist.shape[0]):
+        for j in range(twist.shape[1]):
+            xx, xy, yy = (
+                square * normal[0, i, j],
+                square * normal[1, i, j],
+                square * normal[3, i, j],
+            )
+            xh, yh = 0.25 * half * normal[2, i, j], 0.25 * half * normal[4, i, j]
+            hh = 0.0625 * normal[5, i, j]
+            t = twist[i, j]
+            for a in range(4):
+                # Corners 00, 01, 10, 11.
+                ay, ax = a // 2, a % 2
+                sx, sy = 2.0 * ax - 1.0, 2.0 * ay - 1.0
+                out[i + ay, j + ax] += (
+                    half * (sx * right[0, i, j] + sy * right[1, i, j]) + 0.25 * right[2, i, j]
+                )
+                for b in range(a, 4):
+                    by, bx = b // 2, b % 2
+                    rx, ry = 2.0 * bx - 1.0, 2.0 * by - 1.0
+                    value = (
+                        sx * rx * xx
+                        + (sx * ry + sy * rx) * xy
+                        + (sx + rx) * xh
+                        + sy * ry * yy
+                        + (sy + ry) * yh
+                        + hh
+                        + sx * sy * rx * ry * t
+                    )
+                    down, over = by - ay, bx - ax
+                    place = 3 + over if down else over
+                    diagonals[place, i + ay, j + ax] += value
+
+
+@compiled
+def _to_points(cells: FloatArray, gsd: float, out: FloatArray) -> None:
+    """Add right-hand sides (3, R − 1, C − 1) of cells to points (R, C)."""
+    half = 0.5 / gsd
+    for i in range(cells.shape[1]):
+        for j in range(cells.shape[2]):
+            x, y, h = half * cells[0, i, j], half * cells[1, i, j], 0.25 * cells[2, i, j]
+            out[i, j] += h - x - y
+            out[i, j + 1] += h + x - y
+            out[i + 1, j] += h - x + y
+            out[i + 1, j + 1] += h + x + y
+
+
+@compiled
+def _multiply(diagonals: FloatArray, columns: int, x: FloatArray, out: FloatArray) -> None:
+    """Symmetric product with five diagonals."""
+    size = x.size
+    for k in range(size):
+        out[k] = diagonals[0, k] * x[k]
+    for d in range(1, 5):
+        apart = 1 if d == 1 else columns + d - 3
+        for k in range(size - apart):
+            out[k] += diagonals[d, k] * x[k + apart]
+            out[k + apart] += diagonals[d, k] * x[k]
+
+
+@compiled
+def _factorise(band: FloatArray) -> None:
+    """Replace a lower band (N, W + 1), row j of which has column j, by its Cholesky factor.
+
+    A library's would use threads, which wait for each other while other maplets use the cores.
+    """
+    size, width = band.shape[0], band.shape[1] - 1
+    for j in range(size):
+        own = band[j]
+        pivot = np.sqrt(own[0])
+        for k in range(width + 1):
+            own[k] /= pivot
+        for k in range(1, min(width, size - 1 - j) + 1):
+            factor = own[k]
+            if factor != 0.0:
+                other = band[j + k]
+                for m in range(width + 1 - k):
+                    other[m] -= factor * own[k + m]
+
+
+@compiled
+def _substitute(factor: FloatArray, x: FloatArray) -> None:
+    """Replace a right-hand side (N,) by the solution."""
+    size, width = factor.shape[0], factor.shape[1] - 1
+    for j in range(size):
+        x[j] /= factor[j, 0]
+        for k in range(1, min(width, size - 1 - j) + 1):
+            x[j + k] -= factor[j, k] * x[j]
+    for j in range(size - 1, -1, -1):
+        total = x[j]
+        for k in range(1, min(width, size - 1 - j) + 1):
+            total -= factor[j, k] * x[j + k]
+        x[j] = total / factor[j, 0]

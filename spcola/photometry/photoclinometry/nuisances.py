@@ -1,0 +1,62 @@
+"""Nuisance parameters of images: what is known of them, and their changes in a round."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from spcola.arrays import FloatArray
+from spcola.camera import SpcImage
+from spcola.control.estimation import shift_covariance
+from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
+from spcola.photometry.photoclinometry.image_equations import ImageState
+from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
+
+# Most change of a shift in a round, pixels: beyond, brightness is not linear in it.
+_MOST_SHIFT = 1.0
+# Most change of ln λ and of its gradient in a round.
+_MOST_SCALE = 0.5
+# Prior information on ln λ: far below that of a single pixel, so that λ without any stays.
+_FREE = 1e-6
+
+
+def nuisance_priors(
+    images: Sequence[SpcImage],
+    states: Mapping[str, FloatArray],
+    place: FloatArray,
+    options: PhotoclinometryOptions,
+) -> FloatArray:
+    """Return the prior information (K, 5, 5) on the nuisance parameters of K images about 0.
+
+    Parameters
+    ----------
+    images : sequence of SpcImage
+    states : mapping of str to (6, 6) ndarray
+        Covariances of their states: how far each image may be shifted.
+    place : (3,) ndarray
+        On the ground, body-fixed, metres.
+    options : PhotoclinometryOptions
+    """
+    known = np.zeros((len(images), NUISANCES, NUISANCES))
+    known[:] = np.diag([_FREE, *[options.gradient_sigma**-2] * 2, 0.0, 0.0])
+    for one, image in zip(known, images, strict=True):
+        covariance = shift_covariance(image, states[image.name], place)
+        # A camera that looks away shows nothing, and is not shifted.
+        covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+        one[3:, 3:] = np.linalg.inv(covariance + options.shift_sigma_px**2 * np.eye(2))
+    return known
+
+
+def nuisance_values(states: Sequence[ImageState]) -> FloatArray:
+    """Return the nuisance parameters (K, 5) of images as their priors refer to them."""
+    return np.array([[0.0, *one.gradient, *one.shift] for one in states]).reshape(-1, NUISANCES)
+
+
+def changed_state(state: ImageState, step: FloatArray) -> ImageState:
+    """Return the state of an image after a step (5,) of its nuisance parameters, bounded."""
+    scale = state.scale * np.exp(np.clip(step[0], -_MOST_SCALE, _MOST_SCALE))
+    shift = state.shift + np.clip(step[3:], -_MOST_SHIFT, _MOST_SHIFT)
+    gradient = state.gradient + np.clip(step[1:3], -_MOST_SCALE, _MOST_SCALE)
+    return replace(state, scale=float(scale), gradient=gradient, shift=shift)

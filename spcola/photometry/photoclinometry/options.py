@@ -1,0 +1,107 @@
+"""Options of photoclinometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spcola.errors import SettingsError
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.photometry.photoclinometry.albedo_convention import AlbedoConvention
+
+
+@dataclass(frozen=True)
+class PhotoclinometryOptions:
+    """Options of :func:`spcola.photometry.photoclinometry.solve_photoclinometry`.
+
+    Parameters
+    ----------
+    function : PhotometricFunction
+    psf_px : float
+        Standard deviation of the optics' point spread, pixels.
+    levels : tuple of int
+        GSDs one after the other, in units of the grid's: coarse to fine, the last is 1.
+    rounds : int
+        Most rounds of a level.
+    albedo_sigma : float
+        Expected standard deviation of the relative albedo about its mean of 1: the albedo of a cell
+        is drawn to 1 with this sigma. Small where brightness varies by slopes, larger where there
+        are bright and dark areas (Gaskell et al., §3.3).
+    convention : AlbedoConvention
+        How the albedo is normalised and bounded.
+    gradient_sigma : float
+        Expected standard deviation of the relative change of an image's scale λ from the centre of
+        the grid to its edge: errors of the photometric function, and of roughness that the grid
+        does not resolve. Without it these errors would bend the surface.
+    shift_sigma_px : float
+        Standard deviation of the place of the grid in an image whose state is known exactly,
+        pixels: errors of the camera.
+    slope_sigma : float
+        Expected standard deviation of the slope of a cell about that of the start surface.
+    twist_sigma : float
+        Expected standard deviation of ``(h00 − h01 − h10 + h11) / gsd`` of a cell's four corners,
+        which its slopes do not contain.
+    least_error : float
+        Smallest error of brightness, relative: what the photometric function and the flat cells
+        cannot express.
+    loss_scale : float
+        Residual, in its sigmas, beyond which a pixel is down-weighted: shadows of boulders smaller
+        than a cell, cosmic rays, blooming.
+    determined_sigma : float
+        Largest sigma of a slope along a direction for which images determine it.
+    least_elevation_deg : float
+        Elevation of the Sun below which an image does not count in sigmas, or as determining a
+        slope. Shadows hide one side of the relief in it, so that its errors are common to many
+        cells.
+    error_factor : float
+        Factor on the formal sigmas of heights: on synthetic bodies errors are as much larger, since
+        relief that the grid does not resolve is common to all images.
+    settled_gsd, settled_albedo : float
+        Root mean squares of the changes of a round in heights, GSDs, and albedo at which a level is
+        converged.
+
+    Raises
+    ------
+    SettingsError
+        If a number is out of range.
+    """
+
+    function: PhotometricFunction = lunar_lambert
+    psf_px: float = 0.0
+    levels: tuple[int, ...] = (4, 2, 1)
+    rounds: int = 8
+    albedo_sigma: float = 0.05
+    convention: AlbedoConvention = field(default_factory=AlbedoConvention)
+    gradient_sigma: float = 0.03
+    shift_sigma_px: float = 0.05
+    slope_sigma: float = 0.3
+    twist_sigma: float = 0.25
+    least_error: float = 0.01
+    loss_scale: float = 3.0
+    determined_sigma: float = 0.25
+    least_elevation_deg: float = 20.0
+    error_factor: float = 1.5
+    settled_gsd: float = 0.01
+    settled_albedo: float = 0.003
+
+    def __post_init__(self) -> None:
+        for name in (
+            "albedo_sigma", "gradient_sigma", "shift_sigma_px", "slope_sigma", "twist_sigma",
+            "least_error", "loss_scale", "determined_sigma", "error_factor",
+            "settled_gsd", "settled_albedo",
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"must be positive, not {value}", name)
+        if not 0.0 <= self.least_elevation_deg < 90.0:
+            raise SettingsError(
+                f"must be 0 to 90, not {self.least_elevation_deg}", "least_elevation_deg"
+            )
+        if not 0.0 <= self.psf_px < np.inf:
+            raise SettingsError(f"must not be negative, not {self.psf_px}", "psf_px")
+        if self.rounds < 1:
+            raise SettingsError(f"must be at least 1, not {self.rounds}", "rounds")
+        falling = all(a > b for a, b in zip(self.levels, self.levels[1:], strict=False))
+        if not self.levels or self.levels[-1] != 1 or not falling:
+            raise SettingsError(f"must fall to 1, not {self.levels}", "levels")

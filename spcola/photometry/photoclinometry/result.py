@@ -1,0 +1,157 @@
+"""What photoclinometry found: surface, albedo, and how well each image fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from spcola.arrays import AnyArray, FloatArray
+from spcola.grids import Maplet
+from spcola.photometry.ground import at_cells
+
+
+class Outcome(StrEnum):
+    """How photoclinometry of a grid ended."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not-converged"
+    """Heights or albedo still changed in the last round."""
+    UNDETERMINED = "undetermined"
+    """Images determine both directions of the slope in few cells, and no precise height constrains
+    the others: heights depend on the start there, and their sigmas are large."""
+    TOO_FEW_IMAGES = "too-few-images"
+    """Fewer than two images show enough ground in high enough light: the start surface is kept."""
+    DIVERGED = "diverged"
+    """The brightness fits no better than that of the start surface, which is kept."""
+
+
+class Fit(StrEnum):
+    """How an image was used."""
+
+    USED = "used"
+    NOT_SEEN = "not-seen"
+    """It does not show the grid, or the ground there is in shadow, hidden or saturated."""
+    SUN_REVERSED = "sun-reversed"
+    """Its brightness fits better with the Sun on the other side."""
+    CONTRADICTS = "contradicts"
+    """Its brightness does not correlate with the surface that the other images determine."""
+
+
+@dataclass(frozen=True)
+class ImageFit:
+    """How an image fits the surface.
+
+    Parameters
+    ----------
+    name : str
+    fit : Fit
+    scale : float
+        λ: brightness of ground of relative albedo 1 and Φ = 1, in the image's numbers [16].
+    shift_px : tuple of 2 float
+        Correction of sample and line of the grid in the image.
+    residual : float
+        Robust standard deviation of its brightness about the expected one, relative.
+    correlation : float
+        Of both; NaN without pixels.
+    pixels : int
+        Number of pixels compared.
+    gradient : tuple of 2 float
+        Relative change of λ along the grid's x and y, from its centre to its edge.
+    noise : float
+        Part of `residual` that neighbouring pixels do not share, relative: what remains where the
+        model fits. NaN where it has too few neighbours.
+    pixel_m : float
+        Side of a square of the area that a pixel covers on the plane of the grid, metres.
+    """
+
+    name: str
+    fit: Fit
+    scale: float
+    shift_px: tuple[float, float]
+    residual: float
+    correlation: float
+    pixels: int
+    gradient: tuple[float, float]
+    noise: float
+    pixel_m: float
+
+    @classmethod
+    def not_seen(cls, name: str) -> ImageFit:
+        """Return the fit of an image that does not show the grid.
+
+        Parameters
+        ----------
+        name : str
+        """
+        nan = float("nan")
+        return cls(name, Fit.NOT_SEEN, nan, (nan, nan), nan, nan, 0, (nan, nan), nan, nan)
+
+
+@dataclass(frozen=True)
+class Round:
+    """Changes in one round.
+
+    Parameters
+    ----------
+    gsd : float
+        Metres.
+    residual : float
+        Median over images of the relative residual of brightness, before the round.
+    height_m : float
+        Root mean square of the changes of heights, without their mean, metres.
+    albedo : float
+        Root mean square of the changes of albedo.
+    """
+
+    gsd: float
+    residual: float
+    height_m: float
+    albedo: float
+
+
+@dataclass(frozen=True, eq=False)
+class Photoclinometry:
+    """A surface from images.
+
+    Attributes
+    ----------
+    maplet : Maplet
+        Heights, relative albedo, sigma of heights.
+    directions : (R − 1, C − 1) ndarray of int
+        In how many directions images determine the slope of each cell: 0, 1 or 2.
+    slope_sigma : (2, R − 1, C − 1) ndarray
+        Of ∂h/∂x and ∂h/∂y from images alone; infinite where they do not determine them.
+    albedo_sigma : (R − 1, C − 1) ndarray
+    images : tuple of ImageFit
+    rounds : tuple of Round
+    outcome : Outcome
+    reason : str
+        Why it ended so, in one clause.
+    light_ratio : float
+        Residual of brightness with the Suns of all images turned by half a turn about the normal,
+        over that with the Suns as stated, on the coarsest level; NaN if that was not solved. Hills
+        are hollows then: below 1 the directions of the Suns, or the photometric function, are
+        doubtful. One maplet alone hardly decides it.
+    """
+
+    maplet: Maplet
+    directions: AnyArray
+    slope_sigma: FloatArray
+    albedo_sigma: FloatArray
+    images: tuple[ImageFit, ...]
+    rounds: tuple[Round, ...]
+    outcome: Outcome
+    reason: str
+    light_ratio: float
+
+    @property
+    def point_albedo_sigma(self) -> FloatArray:
+        """Sigma (R, C) of the albedo of points: means of their cells."""
+        return at_cells(np.pad(self.albedo_sigma, 1, mode="edge"))
+
+    @property
+    def kept_start(self) -> bool:
+        """Whether heights and albedo are those of the start."""
+        return self.outcome in (Outcome.TOO_FEW_IMAGES, Outcome.DIVERGED)

@@ -1,0 +1,304 @@
+"""Photoclinometry of one grid: slopes and albedo from images, integrated, again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from spcola.arrays import BoolArray, FloatArray
+from spcola.camera import SpcImage
+from spcola.errors import InvalidValueError
+from spcola.grids import Maplet, MapletGrid
+from spcola.grids.gaps import filled
+from spcola.photometry.ground import at_cells
+from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
+from spcola.photometry.photoclinometry.constraints import HeightConstraint, gathered
+from spcola.photometry.photoclinometry.image_equations import ImageState, Sums, add_image
+from spcola.photometry.photoclinometry.image_window import (
+    ImageWindow,
+    open_ground,
+    window_over,
+)
+from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, image_fits, outcome_of
+from spcola.photometry.photoclinometry.nuisances import (
+    changed_state,
+    nuisance_priors,
+    nuisance_values,
+)
+from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
+from spcola.photometry.photoclinometry.result import ImageFit, Outcome, Photoclinometry, Round
+from spcola.photometry.photoclinometry.surface import Surface, cell_slopes, resampled_points
+from spcola.photometry.photoclinometry.surface_equations import (
+    Priors,
+    Reduced,
+    changed_albedo,
+    height_equations,
+    image_slopes,
+    reduce_albedo,
+)
+from spcola.shape import RayCaster
+
+
+def solve_photoclinometry(
+    start: Maplet,
+    images: Sequence[SpcImage],
+    states: Mapping[str, FloatArray],
+    *,
+    constraints: Sequence[HeightConstraint] = (),
+    beyond: Sequence[RayCaster] = (),
+    options: PhotoclinometryOptions | None = None,
+) -> Photoclinometry:
+    """Return heights and albedo of a grid from the brightness of its images.
+
+    Each round predicts the pixels of all images [16], sums the normal equations of slopes, mean
+    height and albedo of each cell over them [20, 21], eliminates albedo, scale and shift of the
+    images, and integrates [22, 23], with the information of each cell as weight and heights as
+    constraints. A change of height also displaces ground in oblique images: stereo is in the same
+    equations. Coarse grids come first.
+
+    Parameters
+    ----------
+    start : Maplet
+        Grid, heights (a shape's, or a coarser maplet's), albedo. NaN heights are interpolated for
+        the start; they stay unknown where no image determines a slope and nothing constrains them,
+        and beyond the outermost known ones.
+    images : sequence of SpcImage
+        With pixels, in the frame of the grid.
+    states : mapping of str to (6, 6) ndarray
+        Covariances of their states, as :func:`spcola.control.estimation.state_covariance`: how far
+        each image may be shifted.
+    constraints : sequence of HeightConstraint
+        On the grid. Without any, the mean height is that of stereo alone.
+    beyond : sequence of RayCaster, optional
+        Surfaces that hide and shade ground of the grid: the whole body, maplets around. Rays start
+        outside the square of the grid.
+    options : PhotoclinometryOptions, optional
+
+    Raises
+    ------
+    InvalidValueError
+        If the start has no height at all, or an image no pixels.
+    """
+    options = options or PhotoclinometryOptions()
+    if not start.valid.any():
+        raise InvalidValueError("has no height to start from", start.name)
+    for image in images:
+        if image.pixels is None:
+            raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
+    work = _Work.of(start, images, states, tuple(constraints), beyond, options)
+    if work.count < 2 or (work.high < 2 and float(np.mean(work.precise)) < LEAST_DETERMINED):
+        return _kept(work, (), Outcome.TOO_FEW_IMAGES)
+    turned = work.with_turned_suns()
+    for factor in options.levels:
+        work.level(factor)
+        if factor == options.levels[0]:
+            turned.level(factor)
+            work.light_ratio = turned.residual / work.residual
+    return _result(work)
+
+
+@dataclass(eq=False)
+class _Work:
+    """What changes from round to round."""
+
+    start: Maplet
+    images: Sequence[SpcImage]
+    constraints: tuple[HeightConstraint, ...]
+    options: PhotoclinometryOptions
+    known: FloatArray
+    open: list[tuple[FloatArray, FloatArray]]
+    coarsest: MapletGrid
+    surface: Surface
+    states: list[ImageState]
+    windows: list[ImageWindow | None]
+    rounds: list[Round]
+    before: list[float]
+    priors: Priors | None = None
+    light_ratio: float = float("nan")
+
+    @classmethod
+    def of(
+        cls,
+        start: Maplet,
+        images: Sequence[SpcImage],
+        states: Mapping[str, FloatArray],
+        constraints: tuple[HeightConstraint, ...],
+        beyond: Sequence[RayCaster],
+        options: PhotoclinometryOptions,
+    ) -> _Work:
+        grid = start.grid
+        albedo = options.convention.relative(at_cells(start.albedo))
+        surface = Surface(grid, filled(start.height), albedo)
+        coarsest = grid.with_gsd(grid.gsd * options.levels[0])
+        coarse = resampled_points(surface.height, grid, coarsest)
+        known = nuisance_priors(images, states, grid.center, options)
+        within = resampled_points(_interpolated(start, constraints, options), grid, coarsest)
+        opened = [open_ground(image, coarsest, coarse, beyond) for image in images]
+        work = cls(
+            start, images, constraints, options, known,
+            [(np.minimum(seen, within), lit) for seen, lit in opened],
+            coarsest, surface, [ImageState.unknown() for _ in images], [], [], [],
+        )  # fmt: skip
+        work.windows = work.cut(grid, surface.height)
+        work.before = [fit.residual for fit in work.fits()]
+        return work
+
+    @property
+    def count(self) -> int:
+        """The number of images that show the grid."""
+        return int(np.count_nonzero(np.isfinite(self.before)))
+
+    @property
+    def high(self) -> int:
+        """The number of these in which the Sun is high enough to determine slopes."""
+        least = np.sin(np.radians(self.options.least_elevation_deg))
+        seen = zip(self.windows, self.before, strict=True)
+        return sum(w is not None and w.sun[2] >= least and np.isfinite(b) for w, b in seen)
+
+    @cached_property
+    def precise(self) -> BoolArray:
+        """Cells (R − 1, C − 1) next to constraining heights of a sigma below the GSD."""
+        grid = self.start.grid
+        weight = gathered(self.constraints, grid, grid)[1]
+        return at_cells((weight >= grid.gsd**-2).astype(np.float64)) > 0.0
+
+    def fits(self) -> tuple[ImageFit, ...]:
+        """Return how each image fits the surface."""
+        names = [image.name for image in self.images]
+        return image_fits(names, self.windows, self.surface, self.states, self.options)
+
+    def cut(self, grid: MapletGrid, height: FloatArray) -> list[ImageWindow | None]:
+        """Return the windows of all images over a grid."""
+        return [
+            window_over(image, grid, height, self.coarsest, ground)
+            for image, ground in zip(self.images, self.open, strict=True)
+        ]
+
+    def with_turned_suns(self) -> _Work:
+        """Return the same before the first round, the Sun on the other side of the grid's normal.
+
+        Relief seen in such light has its hills where the images have hollows: their brightness
+        fits as well in each, and only stereo shows which is right.
+        """
+        axes = self.start.grid.axes
+        turn = axes.T @ np.diag([-1.0, -1.0, 1.0]) @ axes
+        images = [replace(image, sun=turn @ image.sun) for image in self.images]
+        unknown = [ImageState.unknown() for _ in images]
+        return replace(self, images=images, states=unknown, rounds=[])
+
+    @property
+    def residual(self) -> float:
+        """Median residual of brightness of the images in the last round, relative."""
+        return self.rounds[-1].residual
+
+    def level(self, factor: int) -> None:
+        """Do the rounds of a level of a GSD that is `factor` times the grid's."""
+        self.enter(factor)
+        for _ in range(self.options.rounds):
+            if self.round():
+                return
+
+    def enter(self, factor: int) -> None:
+        """Go on with a level of a GSD that is `factor` times the grid's."""
+        whole = self.start.grid
+        grid = whole if factor == 1 else whole.with_gsd(factor * whole.gsd)
+        self.surface = self.surface.on(grid)
+        slopes = cell_slopes(resampled_points(filled(self.start.height), whole, grid), grid.gsd)
+        self.priors = Priors(slopes, *gathered(self.constraints, whole, grid))
+        self.windows = self.cut(grid, self.surface.height)
+
+    def reduced(self, *, least_elevation: float = 0.0) -> Reduced:
+        """Return the normal equations of the cells, from images of at least that elevation (rad).
+
+        The scales and spreads of the images are changed to those of the surface.
+        """
+        surface, options = self.surface, self.options
+        sums = Sums.empty(len(self.images), surface.albedo.shape)
+        for k, window in enumerate(self.windows):
+            if window is not None and window.sun[2] >= np.sin(least_elevation):
+                self.states[k] = add_image(sums, k, window, surface, self.states[k], options)
+        before = nuisance_values(self.states)
+        return reduce_albedo(sums, surface.albedo, before, self.known, options.albedo_sigma)
+
+    def round(self) -> bool:
+        """Do one round; return whether heights and albedo have settled."""
+        surface, options, priors = self.surface, self.options, self.priors
+        assert priors is not None
+        reduced = self.reduced()
+        equations = height_equations(reduced, surface, priors, options)
+        rise, nuisance = equations.solve()
+        albedo = changed_albedo(reduced, surface, rise, nuisance, options.convention)
+        residual = float(np.nanmedian([state.spread for state in self.states]))
+        moved, brightened = float(np.std(rise)), float(np.std(albedo - surface.albedo))
+        self.rounds.append(Round(surface.gsd, residual, moved, brightened))
+        steps = nuisance.reshape(-1, NUISANCES)
+        self.states = [changed_state(*one) for one in zip(self.states, steps, strict=True)]
+        self.surface = Surface(surface.grid, surface.height + rise, albedo)
+        settled = moved < options.settled_gsd * surface.gsd
+        return settled and brightened < options.settled_albedo
+
+
+def _interpolated(
+    start: Maplet, constraints: tuple[HeightConstraint, ...], options: PhotoclinometryOptions
+) -> FloatArray:
+    """Return 1 at points (R, C) whose height is known or lies between known ones, and else 0.
+
+    What images show beyond, past the brink of a cliff or the limb of a small body, is other ground.
+    """
+    known = np.any([start.valid, *(one.weight > 0.0 for one in constraints)], axis=0)
+    reach = np.ones((2 * options.levels[0] + 1,) * 2, dtype=np.bool_)
+    between = ndimage.binary_fill_holes(known) | ndimage.binary_dilation(known, reach)
+    return np.asarray(between, dtype=np.float64)
+
+
+def _result(work: _Work) -> Photoclinometry:
+    """Judge the fits, and return the surface, or the start if it was better."""
+    assert work.priors is not None
+    fits = work.fits()
+    reduced = work.reduced(least_elevation=np.radians(work.options.least_elevation_deg))
+    sigma, directions = image_slopes(reduced, work.options.determined_sigma)
+    determined = float(np.mean((directions == 2) | work.precise))
+    outcome, reason = outcome_of(work.before, fits, work.rounds, determined, work.options)
+    if outcome is Outcome.DIVERGED:
+        return replace(_kept(work, fits, outcome), reason=reason)
+    known = work.start.valid | (work.priors.weight > 0.0)
+    touched = at_cells(np.pad(directions.astype(np.float64), 1)) > 0.0
+    known |= touched
+    trusted = reduced.of_cells(directions == 2)
+    equations = height_equations(trusted, work.surface, work.priors, work.options)
+    height_sigma = work.options.error_factor * np.sqrt(equations.variance())
+    maplet = replace(
+        work.start,
+        height=np.where(known, work.surface.height, np.nan),
+        albedo=work.options.convention.stated(work.surface.point_albedo()),
+        sigma=np.where(known, height_sigma, np.nan),
+        # Errors of the states are in the sigmas of the heights.
+        center_sigma=np.zeros(3),
+    )
+    albedo_sigma = work.options.convention.stated(1.0 / np.sqrt(reduced.albedo_weight))
+    return Photoclinometry(
+        maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
+        work.light_ratio,
+    )  # fmt: skip
+
+
+def _kept(work: _Work, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photoclinometry:
+    """Return the start surface as it was."""
+    cells = work.start.grid.size - 1
+    fits = fits or work.fits()
+    return Photoclinometry(
+        work.start,
+        np.zeros((cells, cells), dtype=np.int8),
+        np.full((2, cells, cells), np.inf),
+        np.full((cells, cells), work.options.albedo_sigma),
+        fits,
+        tuple(work.rounds),
+        outcome,
+        f"{work.count} of {len(work.images)} images show enough lit ground of it, {work.high} with "
+        f"the Sun {work.options.least_elevation_deg:.0f}° high; two are needed",
+        work.light_ratio,
+    )
