@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fusion.cli.folder import remember_info
 from fusion.cli.options import (
     ClusterOption,
     IsolateOptions,
@@ -35,3 +36,4 @@ def import_(
     given = replace(given, files=[shared_path(file, cluster) for file in given.files])
     site = site_of(workspace, workers=workers, cluster=cluster, as_json=as_json)
     show(*import_lidar(site, given), as_json=as_json)
+    remember_info(workspace)

@@ -20,8 +20,10 @@ from fusion.cli import (
     images,
     jobs,
     look,
+    photometry,
     serve,
     solution,
+    spc,
     stages,
     states,
     truth,
@@ -48,6 +50,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     ("bigmap", stages.bigmap, "spcola bigmap bennu"),
     ("scale", stages.scale, "spcola scale ryugu --method shots; spcola scale bennu --apply"),
     ("release", stages.release, "spcola release bennu"),
+    ("report", stages.report, "spcola report bennu --solution images"),
     ("run", stages.run, "spcola run bennu --workers 4"),
     ("info", folder.info, "spcola info bennu; spcola info bennu/MAPFILES/AB0001.MAP --json"),
     ("look", look.look, "spcola look bennu; spcola look bennu/MAPFILES/AB0001.MAP -o map.png"),
@@ -78,6 +81,8 @@ for _name, _function, _example in COMMANDS:
 app.add_typer(solution.app)
 app.add_typer(truth.app)
 app.add_typer(camera.app)
+app.add_typer(photometry.app)
+app.add_typer(spc.app)
 app.add_typer(serve.app)
 app.add_typer(jobs.app)
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.options import FACES_FROM, IsolateOptions, JsonOption
+from fusion.cli.options import IsolateOptions, JsonOption
 from fusion.cli.output import show, value_lines
+from fusion.service.commands import FACES_FROM
+from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:
-    from fusion.runtime.folders import Listing
+    from fusion.runtime.folders.remembered import Listing, Renewal
+
+# With so many files `spcola info` does not measure how long stages take, and is known already after
+# a command. Longer than a tick of the clock of most file systems, s.
+_MANY_FILES, _TICK_S = 20_000, 0.02
+_FORECASTS = ("mapolas_forecast", "forecast")
 
 
 def init(
@@ -79,8 +87,9 @@ def info(
     """Describe a workspace or a file.
 
     Of a workspace: its content, stages that are not up to date, and a forecast of time, memory and
-    disk for each of these. A few of their items are made to measure the time, and kept. Nothing is
-    looked at again as long as no file changes.
+    disk for each of these. A few of their items are made to measure the time, and kept. With over
+    20,000 files that is left to run --forecast. Nothing is looked at again as long as no file
+    changes.
     """
     isolation.apply(path)
     if path.is_dir():
@@ -100,30 +109,98 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
 
     remembered = Remembered(path)
     before = remembered.listing()
-    if found := remembered.find(before, known=_with_known_states):
+
+    def renewed(found: Renewal) -> dict[str, Any] | None:
+        return _renewed(path, found, has_forecast=_has_forecast(before))
+
+    if found := remembered.find(before, renewed=renewed):
         return found["content"], found["lines"]
-    from fusion.inspection import describe_workspace, outside_files
-    from fusion.inspection.forecasts import forecast_json, forecast_lines, stage_forecasts
+    return _found_out(path, before)
+
+
+def remember_info(path: Path) -> None:
+    """Find out what `info` prints after a command changed a workspace with very many files.
+
+    `info` then answers at once. Where that fails, `info` finds it out itself and says why.
+    """
+    from fusion.runtime.folders import Remembered
+
+    if _has_forecast(Remembered(path).listing()):
+        return
+    # What changed within the last tick of the clock cannot be remembered.
+    time.sleep(_TICK_S)
+    with suppress(SpcolaError, OSError):
+        _found_out(path, Remembered(path).listing())
+
+
+def _has_forecast(files: Listing) -> bool:
+    """Return whether a workspace has so few files that its stages are forecast at once."""
+    return len(files.files) < _MANY_FILES
+
+
+def _found_out(path: Path, before: Listing) -> tuple[dict[str, Any], list[str]]:
+    """Return content and lines about a workspace, and remember them for the files `before`."""
+    from fusion.inspection import outside_files
+    from fusion.inspection.workspace_facts import workspace_facts
+    from fusion.runtime.folders import Remembered
     from fusion.workspace import Workspace
 
     opened = Workspace.open(path)
-    content, settings = describe_workspace(opened), opened.settings()
-    lines = value_lines(content)
+    facts, settings = workspace_facts(opened), opened.settings()
+    forecast, mapolas = dict[str, Any](), dict[str, Any]()
     # No forecast for a workspace whose stages refuse it.
-    known = content["stages"]
-    forecasts = {} if content["problems"] else stage_forecasts(opened, settings, states=known)
-    details = forecasts["mapolas"].details if forecasts else {}
-    content |= {"mapolas_forecast": dict(details), "forecast": forecast_json(forecasts)}
-    if forecasts:
-        lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(content["forecast"]))]
-    kept = {"content": content, "lines": lines, "home": opened.home}
-    remembered.keep(before, kept, outside_files(opened, settings))
+    if _has_forecast(before) and not facts.content["problems"]:
+        from fusion.inspection.forecasts import forecast_json, stage_forecasts
+
+        found = stage_forecasts(opened, settings, states=facts.content["stages"])
+        forecast, mapolas = forecast_json(found), dict(found["mapolas"].details)
+    content, lines = _with_forecast(path, facts.content, forecast, mapolas)
+    standings = [one.as_json() for one in facts.standings.values()]
+    kept = {"content": content, "lines": lines, "home": opened.home, "standings": standings}
+    outside = outside_files(opened, settings)
+    Remembered(path).keep(before, kept, outside, {"roles": facts.roles.as_json()})
     return content, lines
 
 
-def _with_known_states(now: Listing, kept: Mapping[str, Any]) -> Listing:
-    """Return the listing with the earlier states of files whose content is what it was."""
-    from fusion.pipeline.catalog import with_known_states
+def _with_forecast(
+    path: Path, content: dict[str, Any], forecast: dict[str, Any], mapolas: dict[str, Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """Return content of the workspace at `path` and lines, with a forecast or how to get one.
 
-    # An earlier version of the program kept no home.
-    return with_known_states(now, Path(kept["home"])) if "home" in kept else now
+    `mapolas` are further numbers of the forecast of mapolas.
+    """
+    lines = value_lines({k: value for k, value in content.items() if k not in _FORECASTS})
+    if forecast:
+        from fusion.inspection.forecasts import forecast_lines
+
+        lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(forecast))]
+    elif not content["problems"]:
+        lines.append(f"  forecast: spcola run {path} --forecast")
+    return {**content, "mapolas_forecast": mapolas, "forecast": forecast}, lines
+
+
+def _renewed(path: Path, found: Renewal, *, has_forecast: bool) -> dict[str, Any] | None:
+    """Return what is remembered with some files written; None if it has to be found out anew.
+
+    If only the content of stages' results has changed, so may have the states of stages, and the
+    forecast, but nothing else.
+    """
+    from fusion.pipeline.catalog import digests_of_written
+    from fusion.pipeline.standing import FileRoles, Standing, standings_after
+
+    kept = found.content
+    digests = digests_of_written(found.written, Path(kept["home"]))
+    if digests is None:
+        return None
+    changed = [one for one in digests if one.now != one.before]
+    if not changed:
+        return kept
+    standings = [Standing.from_json(one) for one in kept["standings"]]
+    roles = FileRoles.from_json(found.details["roles"])
+    after = None if has_forecast else standings_after(standings, roles, changed)
+    if after is None:
+        return None
+    content = {**kept["content"], "stages": {one.stage: one.state for one in after}}
+    content, lines = _with_forecast(path, content, {}, {})
+    now = {"content": content, "lines": lines, "standings": [one.as_json() for one in after]}
+    return {**kept, **now}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fusion.cli.folder import remember_info
 from fusion.cli.options import WorkOptions, WorkspaceArgument, shared_path
 from fusion.cli.output import show
 from fusion.service.commands.images import ImagesOptions, bring_images
@@ -26,3 +27,4 @@ def images(
     given = replace(given, files=files)
     given.check()
     show(*bring_images(work.site(workspace), given), as_json=work.as_json)
+    remember_info(workspace)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from fusion.cli.options import FACES_FROM, IsolateOptions, JsonOption
+from fusion.cli.options import IsolateOptions, JsonOption
 from fusion.cli.output import show
+from fusion.service.commands.looking import ShapeOptions, draw
 
 
 def look(
@@ -25,11 +26,7 @@ def look(
             "if not given.",
         ),
     ] = None,
-    unit: Annotated[
-        Literal["km", "m"] | None,
-        typer.Option(help="Unit of the coordinates of an OBJ or PLY shape; km if not given."),
-    ] = None,
-    faces_from: Annotated[int | None, FACES_FROM] = None,
+    shape: ShapeOptions = ShapeOptions(),
     isolation: IsolateOptions = IsolateOptions(),
     as_json: JsonOption = False,
 ) -> None:
@@ -40,13 +37,8 @@ def look(
     registration.json, and scale.json; an overview of a workspace. A file of the name NAME.png that
     was not made by this command is not replaced; a file named with -o is.
     """
-    # The machinery is imported here and not above, so that help comes at once.
-    from fusion.inspection.look import LookOptions, look_at, picture_path, save_picture
+    from fusion.inspection.look import picture_path
 
     isolation.apply(path)
     target = picture_path(path, out)
-    options = LookOptions(unit, None if faces_from is None else 0 if faces_from == 0 else 1)
-    picture = look_at(path, options)
-    save_picture(picture, target)
-    content = {"source": path, "picture": target, "kind": picture.kind, **picture.facts}
-    show(content, [str(target)], as_json=as_json)
+    show(draw(path, target, shape), [str(target)], as_json=as_json)

@@ -50,9 +50,6 @@ WaitOption = Annotated[
     bool,
     typer.Option("--wait", help="Wait while another spcola works with the same solution."),
 ]
-FACES_FROM = typer.Option(
-    min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."
-)
 
 
 @dataclass(frozen=True)

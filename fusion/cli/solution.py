@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from fusion.cli.options import JsonOption, WorkspaceArgument, site_of, with_shared_options
 from fusion.cli.output import show
 from fusion.cli.program import guarded
+from fusion.service.commands.looking import DifferenceOptions, compare_solutions
 from fusion.service.commands.solutions import (
     ExportOptions,
     NameArgument,
     SolutionName,
+    check_named,
     export_to_folder,
     put_in_use,
     remove_version,
@@ -78,32 +80,18 @@ def use(workspace: WorkspaceArgument, given: SolutionName, as_json: JsonOption =
 
 
 def diff(
-    workspace: WorkspaceArgument,
-    first: Annotated[str, typer.Argument(metavar="A", help="A solution.")],
-    second: Annotated[str, typer.Argument(metavar="B", help="The one that A is compared with.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="Write a picture: .png, .pdf or .svg."),
-    ] = None,
-    as_json: JsonOption = False,
+    workspace: WorkspaceArgument, given: DifferenceOptions, as_json: JsonOption = False
 ) -> None:
     """Compare two solutions: how far B moved from A.
 
     Centres, heights within maplets, positions and pointing of images, the similarity that all
     centres have in common, shape, pole and other constants.
     """
-    from fusion.inspection import difference_lines, solution_difference
-    from fusion.inspection.look import difference_picture, picture_path, save_picture
+    from fusion.inspection.look import picture_path
 
-    target = None if out is None else picture_path(workspace, out)
-    one, two = _opened(workspace, first), _opened(workspace, second)
-    found = solution_difference(one, two)
-    content = {**found.as_json(), "picture": target}
-    lines = difference_lines(content)
-    if target is not None:
-        save_picture(difference_picture(found), target)
-        lines.append(str(target))
-    show(content, lines, as_json=as_json)
+    if given.out is not None:
+        picture_path(workspace, given.out)
+    show(*compare_solutions(site_of(workspace, as_json=as_json), given), as_json=as_json)
 
 
 def export(workspace: WorkspaceArgument, given: ExportOptions, as_json: JsonOption = False) -> None:
@@ -141,6 +129,5 @@ def _opened(workspace: Path, name: str) -> Workspace:
     """
     from fusion.workspace import Workspace
 
-    if not name:
-        raise typer.BadParameter("is empty", param_hint="NAME")
+    check_named(name)
     return Workspace.open(workspace, name)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from fusion.cli.folder import remember_info
 from fusion.cli.options import RunOptions, WorkspaceArgument
 from fusion.cli.output import run_lines, show
+from fusion.service.commands.lithos import ImageFusionOptions, fuse_images
 from fusion.service.commands.stages import (
     accepting,
     apply_scale_of,
@@ -92,13 +95,53 @@ def register(
 
 def fuse(
     workspace: WorkspaceArgument,
+    source: Annotated[
+        Literal["maplets", "images"],
+        typer.Option(
+            "--from",
+            help="Slopes come from the maplets; or maplets are solved anew from their images, with "
+            "the lidar in every round.",
+        ),
+    ] = "maplets",
+    name: Annotated[
+        str,
+        typer.Option(
+            "--as",
+            metavar="NAME",
+            help="With --from images: name of the new solution, else spcola-1, ...",
+        ),
+    ] = "",
     options: RunOptions = RunOptions(),
 ) -> None:
     """Fuse maplets with lidar heights.
 
     Slopes are integrated with the registered lidar heights as constraints. Results are in fused/.
+    With --from images, slopes, albedo and heights of each maplet are solved from the brightness of
+    its images, and heights of lidar, shape and overlapping maplets are in the same equations. The
+    result is a new solution; the one that is read stays as it is. [lithos] has the settings.
     """
-    _run(workspace, options, "fuse")
+    check_source(source, name, force=options.force)
+    if source == "images":
+        given = ImageFusionOptions(options.only, options.within, options.accept, name)
+        show(*fuse_images(options.site(workspace), given), as_json=options.as_json)
+    else:
+        _run(workspace, options, "fuse")
+
+
+def check_source(source: str, name: str, *, force: bool) -> None:
+    """Refuse options of ``spcola fuse`` that do not go together.
+
+    Raises
+    ------
+    typer.BadParameter
+        It names the option.
+    """
+    if name and source != "images":
+        raise typer.BadParameter("is given without --from images", param_hint="--as")
+    if force and source == "images":
+        raise typer.BadParameter(
+            "is not needed with --from images: each time is a new solution", param_hint="--force"
+        )
 
 
 def bigmap(
@@ -159,6 +202,7 @@ def _scale_and_apply(workspace: Path, name: str, method: str | None, options: Ru
     ran, applied = apply_scale_of(pipeline, name, force=options.force)
     content = {**ran.as_json(), "applied": applied.as_dict()}
     show(content, [*run_lines(ran), *applied.lines()], as_json=options.as_json)
+    remember_info(workspace)
 
 
 def release(
@@ -171,6 +215,18 @@ def release(
     shows the results.
     """
     _run(workspace, options, "release", "report")
+
+
+def report(
+    workspace: WorkspaceArgument,
+    options: RunOptions = RunOptions(),
+) -> None:
+    """Write report.html alone: what is there is shown.
+
+    Verdicts, maps, surfaces, residuals and scale; of a solution from images the goodness of fit of
+    each maplet and image, and images with their renderings.
+    """
+    _run(workspace, options, "report")
 
 
 def run(
@@ -236,22 +292,21 @@ def _print(
     found = [one.as_json() for one in runs]
     content = found[0] if alone else {"workspace": str(pipeline.workspace.root), "stages": found}
     show(content, [line for one in runs for line in run_lines(one)], as_json=options.as_json)
+    remember_info(pipeline.workspace.root)
     check_usable(pipeline, runs)
 
 
 def _pipeline(workspace: Path, options: RunOptions, table: str = "", **changed: Any) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
     site = options.site(workspace)
-    settings = _changed(site.open().settings(), table, changed)
-    try:
-        settings = accepting(settings, options.accept or ())
-    except SettingsError as error:
-        raise typer.BadParameter(error.what, param_hint="--accept") from error
+    settings = with_options(site.open().settings(), table, changed, options.accept or ())
     return pipeline_of(site, settings, only=options.only or (), within=options.within)
 
 
-def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:
-    """Return settings with keys of one table replaced by options, as far as those are given.
+def with_options(
+    settings: Settings, table: str, given: Mapping[str, Any], accept: Sequence[str]
+) -> Settings:
+    """Return settings with keys of one table, and accepted codes, as far as options give them.
 
     Raises
     ------
@@ -266,4 +321,7 @@ def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:
         except SettingsError as error:
             option = f"--{_OPTIONS.get(key, key)}"
             raise typer.BadParameter(error.what, param_hint=option) from error
-    return settings
+    try:
+        return accepting(settings, accept)
+    except SettingsError as error:
+        raise typer.BadParameter(error.what, param_hint="--accept") from error

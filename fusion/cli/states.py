@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fusion.cli.folder import remember_info
 from fusion.cli.options import JsonOption, WaitOption, WorkspaceArgument, site_of
 from fusion.cli.output import show
 from fusion.service.commands.states import (
@@ -27,6 +28,7 @@ def sumfiles(
     given.check()
     site = site_of(workspace, wait=wait, as_json=as_json)
     show(*make_states(site, given), as_json=as_json)
+    remember_info(workspace)
 
 
 def kernels(

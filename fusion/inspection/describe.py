@@ -1,9 +1,8 @@
-"""Content of a workspace or a file, for ``spcola info``."""
+"""Content of a file, for ``spcola info``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +10,14 @@ import numpy as np
 
 from fusion.inspection.file_kinds import FileKind, file_kind, first_word, lidar_format, summary_path
 from fusion.inspection.image_facts import image_facts
-from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
-from fusion.pipeline import Pipeline
-from fusion.pipeline.catalog import Catalog, unsound
+from fusion.inspection.import_forecast import ImportClock
 from fusion.products.formats import read_fits_dtm, read_geotiff
-from fusion.runtime import usable_cores
-from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.stages import load_stages
-from fusion.stages.images import count_images
-from fusion.stages.ingest import duplicate_scans, readable_scans, scan_facts, span_facts
-from fusion.stages.line_scans import NOT_USED
+from fusion.stages.ingest import scan_facts, span_facts
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
-from fusion.workspace.solution_records import read_solution
 from lidar.formats import open_lidar
 from lidar.formats.clouds import read_las_system
 from lidar.formats.native import scan_summary
-from spcola.errors import FormatError, SpcolaError
 from spcola.formats.maplets import read_map, read_maplet
 from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_shape
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
@@ -36,90 +26,6 @@ from spcola.grids import Maplet
 from spcola.navigation import utc_from_et
 from spcola.shape.icq import IcqShape, as_icq
 from spcola.spice import orientation_of, read_transfer
-
-
-def describe_workspace(workspace: Workspace) -> dict[str, Any]:
-    """Return the content of a workspace and which stages are due.
-
-    Raises
-    ------
-    SpcolaError
-        If its settings are wrong, or a folder of it cannot be read.
-    """
-    settings = workspace.settings()
-    scans = list(readable_scans(workspace).values())
-    per_worker = settings.ingest.chunk * BYTES_PER_RETURN
-    shapes = sorted((workspace.home / "SHAPEFILES").glob("[!.]*"))
-    pipeline = Pipeline(workspace, settings, load_stages())
-    # Without the lock: a workspace can be read while another program works in it.
-    with closing(Catalog(workspace, read_only=True)) as catalog:
-        found = {
-            "stages": pipeline.states(catalog),
-            "problems": _problems(workspace, catalog),
-            "finished": {record.stage: record.finished for record in catalog.records()},
-            "images_not_used": {
-                record.stage: record.summary[NOT_USED]
-                for record in catalog.records()
-                if NOT_USED in record.summary
-            },
-        }
-    return {
-        "kind": "workspace",
-        "body": settings.body.name,
-        "solution": workspace.solution,
-        "maplets": len(workspace.maplet_names()),
-        "landmarks": len(workspace.landmark_names()),
-        "images": len(workspace.image_names()),
-        "line_scans": len(workspace.line_scan_names()),
-        "images_in_catalogue": count_images(workspace),
-        "shape": ", ".join(path.name for path in shapes),
-        "scans": len(scans),
-        "returns": sum(scan.count for scan in scans),
-        "mapolas": len(workspace.mapola_names()),
-        "fused": len(workspace.fused_names()),
-        "import_memory_per_worker_mb": per_worker / 1e6,
-        "import_memory_mb": (PROGRAM_BYTES + usable_cores() * per_worker) / 1e6,
-        **found,
-    }
-
-
-def describe_solution(workspace: Workspace) -> dict[str, Any]:
-    """Return what the solution of a `workspace` was made from, and what it contains.
-
-    Raises
-    ------
-    SpcolaError
-        If its record or its constants are damaged.
-    """
-    record = read_solution(workspace.root, workspace.solution)
-    # Its constants are checked.
-    workspace.settings()
-    return {
-        **record.as_json(),
-        "folder": str(workspace.home.relative_to(workspace.root)),
-        "maplets": len(workspace.maplet_names()),
-        "landmarks": len(workspace.landmark_names()),
-        "images": len(workspace.image_names()),
-        "line_scans": len(workspace.line_scan_names()),
-    }
-
-
-def _problems(workspace: Workspace, catalog: Catalog) -> list[str]:
-    """Return what is wrong with scans and maplets, so that commands refuse them."""
-    found = []
-    for path in workspace.scan_paths():
-        try:
-            scan_summary(path)
-        except FormatError as error:
-            found.append(str(error))
-    for one, other in duplicate_scans(readable_scans(workspace)):
-        first, second = workspace.scan_path(one), workspace.scan_path(other)
-        found.append(f"{first} and {second} hold the same scan")
-    try:
-        found += [one.text for one in unsound(workspace, catalog)]
-    except SpcolaError as error:
-        found.append(str(error))
-    return found
 
 
 def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:

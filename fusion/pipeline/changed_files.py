@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fusion.estimation.verdict import Code, Finding, Severity
+from fusion.runtime.findings import first_names
 
 # So many files are named; the others are counted.
 _NAMED = 3
@@ -71,6 +72,4 @@ def _changed_since(names: Sequence[str], when: str) -> str:
 
 
 def _named(names: Sequence[str]) -> str:
-    """Return the first names, and how many more there are."""
-    shown, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
-    return shown if more <= 0 else f"{shown} and {more} more"
+    return first_names(names, _NAMED)

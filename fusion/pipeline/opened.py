@@ -26,9 +26,11 @@ def opened(workspace: Workspace, *, wait: bool = False) -> Iterator[Catalog]:
     WorkspaceError
         If another program works with it, or it cannot be written.
     """
-    own = [workspace.home, *(workspace.home / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
+    own = [workspace.home / name for name in (*OWN_FOLDERS, RECORD_FOLDER)]
+    # Bigmaps of maplets and of returns lie in folders inside.
+    inner = [folder for outer in own for folder in outer.glob("*/")]
     with locked(workspace.home / LOCK_FILE, wait=wait):
-        clear_leftovers(own)
+        clear_leftovers([workspace.home, *own, *inner])
         with closing(Catalog(workspace)) as catalog:
             catalog.restore()
             yield catalog

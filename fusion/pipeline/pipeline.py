@@ -19,8 +19,9 @@ from fusion.pipeline.changes import Changes
 from fusion.pipeline.items import ItemStore, item_folder
 from fusion.pipeline.opened import opened
 from fusion.pipeline.stage import Stage, StageContext
-from fusion.pipeline.stage_key import StageKey, current_record, keep_result, stage_key
+from fusion.pipeline.stage_key import StageKey, current_record, keep_result, repeats, stage_key
 from fusion.pipeline.stage_run import StageRun
+from fusion.pipeline.standing import Standing, differing
 from fusion.pipeline.subset import Subset
 from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
 from fusion.runtime.folders import make_folder, remove_folder
@@ -111,10 +112,14 @@ class Pipeline:
         `catalog` is one that is open for reading, by default a new one.
         """
         if catalog is not None:
-            return {stage.name: self._state(stage, catalog) for stage in self.stages}
+            return {name: one.state for name, one in self.standings(catalog).items()}
         # Without the lock: a workspace can be read while another program works in it.
         with closing(Catalog(self.workspace, read_only=True)) as opened_now:
             return self.states(opened_now)
+
+    def standings(self, catalog: Catalog) -> dict[str, Standing]:
+        """Return how each stage stands to the files that it reads and wrote."""
+        return {stage.name: self._standing(stage, catalog) for stage in self.stages}
 
     def _of_all(self) -> Pipeline:
         """Return the pipeline of what all solutions of the workspace share."""
@@ -139,21 +144,27 @@ class Pipeline:
         with opened(shared.workspace, wait=self.wait) as of_all:
             return shared._update(stage, of_all, force)
 
-    def _state(self, stage: Stage, catalog: Catalog) -> str:
-        """Return the state of `stage`; see :meth:`states`."""
+    def _standing(self, stage: Stage, catalog: Catalog) -> Standing:
+        """Return how `stage` stands to its files; see :meth:`standings`."""
         if self._is_of_all(stage):
-            return self._of_all().states()[stage.name]
+            shared = self._of_all()
+            with closing(Catalog(shared.workspace, read_only=True)) as of_all:
+                return shared._standing(stage, of_all)
         try:
             missing = stage.missing(self.workspace, self.settings)
             missing = missing or self._obstacle(stage, catalog)
             if missing:
-                return f"cannot run: {missing}"
-            if current_record(catalog, stage.name, self._key(stage, catalog)):
-                return "up to date"
+                return Standing(stage.name, barred=missing)
+            key, record = self._key(stage, catalog), catalog.record(stage.name)
+            if record is None:
+                return Standing(stage.name)
+            again = repeats(record, key)
             changed = Changes(self.stages, catalog).own(stage)
         except SpcolaError as error:
-            return f"cannot run: {error}"
-        return f"due: {changed.text}" if changed else "due"
+            return Standing(stage.name, barred=str(error))
+        recorded = {name: record.outputs[name] for name in changed.differing}
+        inputs = differing(record.inputs, key.inputs) if again else {}
+        return Standing(stage.name, "", again, inputs, recorded, changed.gone)
 
     def _update(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
@@ -293,7 +304,7 @@ class Pipeline:
     def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
         """Return whether `stage` ran before but its inputs, settings or version changed since."""
         if self._is_of_all(stage):
-            return self._state(stage, catalog).startswith("due")
+            return self._standing(stage, catalog).state.startswith("due")
         if catalog.record(stage.name) is None or stage.missing(self.workspace, self.settings):
             return False
         return current_record(catalog, stage.name, self._key(stage, catalog)) is None

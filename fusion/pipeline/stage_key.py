@@ -45,8 +45,26 @@ def stage_key(stage: Stage, workspace: Workspace, settings: Settings, catalog: C
         kind.__name__: find_table(settings, kind).model_dump(mode="json") for kind in stage.tables
     }
     version = whole_version(stage.version)
-    content = {"stage": stage.name, "version": version, "settings": tables, "inputs": inputs}
-    return StageKey(content_digest(content), version, tables, inputs)
+    return StageKey(_digest(stage.name, version, tables, inputs), version, tables, inputs)
+
+
+def repeats(record: StageRecord, key: StageKey) -> bool:
+    """Return whether a run with this key would differ from that of a record by contents only.
+
+    Then version, settings and the names of inputs are the same.
+    """
+    if record.key == key.digest:
+        return True
+    if record.inputs.keys() != key.inputs.keys():
+        return False
+    return record.key == _digest(record.stage, key.version, key.settings, record.inputs)
+
+
+def _digest(
+    stage: str, version: str, settings: Mapping[str, Any], inputs: Mapping[str, str]
+) -> str:
+    content = {"stage": stage, "version": version, "settings": settings, "inputs": inputs}
+    return content_digest(content)
 
 
 def current_record(catalog: Catalog, stage: str, key: StageKey) -> StageRecord | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
+from spcola.shape.tiling import Circle
 
 Value = TypeVar("Value")
 
@@ -63,11 +64,14 @@ class Place:
 
     def holds(self, center: FloatArray) -> bool:
         """Return whether a body-fixed point (3,), metres, lies within the circle."""
+        return bool(self.circle.holds(center))
+
+    @property
+    def circle(self) -> Circle:
+        """The same, in metres and as a direction."""
         lat, lon = np.radians([self.latitude_deg, self.longitude_deg])
         up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-        distance = float(np.linalg.norm(center))
-        angle = np.arctan2(np.linalg.norm(np.cross(up, center)), up @ center)
-        return bool(angle * distance <= self.radius_m)
+        return Circle(up, self.radius_m)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
+from fusion.report.photoclinometry import SolvedMaplets
 from fusion.report.planted import RecoveredParameter, SurfaceErrors
 from spcola.arrays import AnyArray, FloatArray, check_shape, frozen
 
@@ -99,6 +100,8 @@ class ReportData:
     origins : Origins, optional
     errors : tuple of SurfaceErrors
         In the demo: how far each surface is from the true one.
+    solved : SolvedMaplets, optional
+        Maplets solved from images.
     """
 
     body: str = "body"
@@ -112,3 +115,4 @@ class ReportData:
     accepted: tuple[str, ...] = ()
     origins: Origins | None = None
     errors: tuple[SurfaceErrors, ...] = ()
+    solved: SolvedMaplets | None = None

@@ -12,6 +12,7 @@ from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
 from fusion.report.data import LidarCoverage, Origins, ReportData, Surfaces
+from fusion.report.photoclinometry import gather_solved
 from fusion.report.planted import read_planted
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
@@ -59,6 +60,7 @@ def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = 
         accepted=tuple(accepted),
         origins=origins,
         errors=errors,
+        solved=gather_solved(workspace),
     )
 
 

@@ -12,6 +12,8 @@ from fusion.report.figures.origins import origins_figure
 from fusion.report.figures.scale import scale_figure
 from fusion.report.figures.surfaces import surfaces_figure
 from fusion.report.layout import html_figure, html_page
+from fusion.report.layout.sortable import SORTING_STYLE
+from fusion.report.photoclinometry import solved_section
 from fusion.report.planted import errors_table, planted_table
 from fusion.report.tables import (
     checks_table,
@@ -24,6 +26,7 @@ from fusion.report.tables import (
 _SECTIONS = (
     ("origins", "What the surface rests on"),
     ("surfaces", "Surfaces"),
+    ("solved", "Maplets from images"),
     ("planted", "Planted and recovered"),
     ("coverage", "Coverage"),
     ("registration", "Registration"),
@@ -34,7 +37,8 @@ _SECTIONS = (
 def make_report(data: ReportData) -> str:
     """Return the report as self-contained HTML, with style and figures inside.
 
-    Missing parts of `data` are stated as missing, except planted values, which only a demo has.
+    Missing parts of `data` are stated as missing, except planted values, which only a demo has, and
+    maplets from images, which only some solutions have.
     Equal data give equal text.
     """
     parts = {
@@ -42,6 +46,7 @@ def make_report(data: ReportData) -> str:
         "planted": planted_table(data.planted) if data.planted else "",
         "surfaces": "".join(_surfaces(place) for place in data.surfaces)
         or _missing("There are no fused maplets yet."),
+        "solved": solved_section(data.solved) if data.solved else "",
         "coverage": _coverage(data),
         "registration": _registration(data),
         "scale": _scale(data),
@@ -52,6 +57,7 @@ def make_report(data: ReportData) -> str:
         [(key, title, parts[key]) for key, title in _SECTIONS if parts[key]],
         data.versions or {},
         preface=verdicts_box(data),
+        style=SORTING_STYLE if data.solved else "",
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import platform
 import time
 from collections import deque
@@ -11,16 +12,16 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from distributed import Client
+from distributed import Client, get_worker
 from distributed.client import ClosedClientError
 from distributed.comm import CommClosedError
 from distributed.core import rpc
 from distributed.scheduler import KilledWorker
 from distributed.security import Security
 
-from fusion.runtime.children import Payload, PoisonousItemError, item_name, perform
+from fusion.runtime.children import ItemRun, Payload, PoisonousItemError, item_name, perform
 from fusion.runtime.executor import AHEAD, ClusterError
 from fusion.runtime.processes.interrupt import check_interrupts
 from spcola.errors import SettingsError
@@ -46,6 +47,10 @@ class _Waiting(Generic[Item]):
     future: Any
     tries: int = 0
 
+    def losses(self) -> tuple[str, ...]:
+        """Return how each of its tries ended that gave nothing."""
+        return ("its worker was lost",) * self.tries
+
 
 class ClusterExecutor:
     """Runs calls on the workers of a Dask scheduler; all reach the workspace under the same path.
@@ -57,6 +62,8 @@ class ClusterExecutor:
     ----------
     address : str
         Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
+    seen : callable, optional
+        Takes what became of each item, when its result is taken.
 
     Raises
     ------
@@ -65,8 +72,8 @@ class ClusterExecutor:
         results would not be the same.
     """
 
-    def __init__(self, address: str) -> None:
-        self._address = address
+    def __init__(self, address: str, *, seen: Callable[[ItemRun], None] = lambda _: None) -> None:
+        self._address, self._seen = address, seen
         _check_scheduler(address)
         try:
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
@@ -121,12 +128,27 @@ class ClusterExecutor:
     def _taken(self, waiting: deque[_Waiting[Item]], sent: _Sent) -> Any:
         """Return the oldest result, unless Ctrl-C came before it."""
         oldest = waiting[0]
+        name = item_name(oldest.item)
+        try:
+            outcome = self._awaited(oldest, sent)
+        except Exception as error:
+            run = ItemRun(name, math.nan, oldest.losses(), type(error).__name__)
+            self._seen(run)
+            raise
+        seconds, worker, ended = outcome.seconds, outcome.worker, outcome.ended
+        self._seen(ItemRun(name, seconds, oldest.losses(), worker=worker, ended=ended))
+        waiting.popleft()
+        check_interrupts()
+        return outcome.result
+
+    def _awaited(self, oldest: _Waiting[Item], sent: _Sent) -> _Outcome:
+        """Wait for an item; one whose workers were lost is submitted again."""
         while True:
             try:
                 with self._loss_reported():
                     self._wait(oldest.future)
-                result = oldest.future.result()
-                break
+                outcome: _Outcome = oldest.future.result()
+                return outcome
             except KilledWorker as error:
                 raise _given_up(oldest.item) from error
             except CommClosedError as error:
@@ -138,9 +160,6 @@ class ClusterExecutor:
                     raise _given_up(oldest.item) from error
                 with self._loss_reported():
                     oldest.future = sent.submit_again(oldest.item)
-        waiting.popleft()
-        check_interrupts()
-        return result
 
     def _wait(self, future: Any) -> None:
         """Wait for a result or an error, and check that the cluster is still there."""
@@ -218,6 +237,23 @@ class ClusterExecutor:
                 )
 
 
+class _Outcome(NamedTuple):
+    """The result of an item, and how a worker came to it."""
+
+    result: Any
+    seconds: float
+    worker: str
+    ended: float
+
+
+def _timed(content: bytes, digest: str, item: Any) -> _Outcome:
+    """Do an item on a worker; its clock is that of the other spans of its machine."""
+    begun = time.monotonic()
+    result = perform(content, digest, item)
+    seconds = time.monotonic() - begun
+    return _Outcome(result, seconds, get_worker().address, time.time())
+
+
 class _Sent:
     """A function that was sent to the workers."""
 
@@ -231,7 +267,7 @@ class _Sent:
         )
 
     def submit(self, item: Any) -> Any:
-        return self._client.submit(perform, self._function, self._payload.digest, item, pure=False)
+        return self._client.submit(_timed, self._function, self._payload.digest, item, pure=False)
 
     def submit_again(self, item: Any) -> Any:
         """Submit an item again after the workers that had the function were lost."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from spcola.errors import InvalidValueError
 
@@ -34,10 +33,12 @@ def json_value(value: Any) -> Any:
     """Return `value` in JSON types; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return json_value(value.tolist())
-    if isinstance(value, np.generic):
-        return json_value(value.item())
+    # No value is numpy's before something has imported numpy, which takes a tenth of a second.
+    if np := sys.modules.get("numpy"):
+        if isinstance(value, np.ndarray):
+            return json_value(value.tolist())
+        if isinstance(value, np.generic):
+            return json_value(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):

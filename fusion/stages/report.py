@@ -7,6 +7,7 @@ from pathlib import Path
 from fusion.fusing.maplets import FUSED_HDF5
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.report import gather_report, make_report
+from fusion.report.photoclinometry import solved_inputs
 from fusion.report.planted import PLANTED_FILE
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
@@ -19,7 +20,7 @@ class ReportStage(Stage):
     """Results of all stages → report.html."""
 
     name = "report"
-    version = 4
+    version = 5
     places = ("report.html",)
     tables = (BodySettings, AcceptSettings)
 
@@ -34,7 +35,7 @@ class ReportStage(Stage):
         root = workspace.home
         results = [root / "fused" / FUSED_HDF5, workspace.registration_path, workspace.scale_path]
         candidates = [*results, root / PLANTED_FILE, *workspace.maplet_files()]
-        candidates += workspace.mapola_paths()
+        candidates += [*workspace.mapola_paths(), *solved_inputs(workspace)]
         return [path for path in candidates if path.is_file()]
 
     def run(self, context: StageContext) -> StageResult:

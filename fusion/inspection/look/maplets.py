@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PAIR = ("maplets", "returns")
-# Folders of bigmaps: of fused maplets, of maplets, of returns.
-_BIGMAPS = ("bigmaps", "maplets", "returns")
+# Folders of bigmaps: of fused maplets, of maplets, of returns, with solved albedo.
+_BIGMAPS = ("bigmaps", "maplets", "returns", "albedo")
 _SIDE_IN = 4.4
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.inspection.describe import describe_workspace
 from fusion.inspection.look.numbers import millionths
 from fusion.inspection.look.picture import Picture, set_title
+from fusion.inspection.workspace_facts import describe_workspace
 from fusion.pipeline.catalog import read_records
 from fusion.report import gather_coverage
 from fusion.report.figures import draw_coverage, graticule

@@ -13,7 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fusion.pipeline.catalog.digests import digests_ahead, file_status
+from fusion.pipeline.catalog.digests import digests_ahead
+from fusion.pipeline.catalog.file_digest import file_status
 from fusion.pipeline.catalog.records import (
     RECORD_FOLDER,
     StageRecord,

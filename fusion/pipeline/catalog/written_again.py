@@ -1,58 +1,63 @@
-"""Files that were written again with the content that they had."""
+"""Digests of files that were written since the catalogue last looked at them."""
 
 from __future__ import annotations
 
 import sqlite3
 import time
+from collections.abc import Sequence
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from fusion.pipeline.catalog.digests import file_digest, file_status
+from fusion.pipeline.catalog.file_digest import file_digest, file_status
 from fusion.pipeline.catalog.rows import CATALOG_FILE, known_digest, with_checksum
-from fusion.runtime.folders import Listing
+from fusion.runtime.folders.remembered import Written
 from spcola.errors import SpcolaError
 
-# More files, or more bytes, are left to the catalogue, which uses all cores.
-_MOST, _MOST_BYTES = 100, 1 << 28
-_STATES = "SELECT path, size || ',' || mtime_ns || ',' || ctime_ns || ',' || inode FROM file"
+# More bytes are left to the catalogue, which uses all cores.
+_MOST_BYTES = 1 << 28
 _WAIT_S = 0.1
 
 
-def with_known_states(now: Listing, home: Path) -> Listing:
-    """Return a listing with the earlier states of files whose content is the same.
+class Redigested(NamedTuple):
+    """A file that was written: its name in the catalogue, and its digests."""
 
-    The catalogue knows the digest of each file in the state in which it was last looked at. A file
-    in another state that has the same digest gets that earlier state, and the catalogue learns the
-    new one. `now` itself is returned if there is no such file, if many files are in other states,
-    or if one of them has another content.
+    name: str
+    before: str
+    now: str
+
+
+def digests_of_written(written: Sequence[Written], home: Path) -> list[Redigested] | None:
+    """Return the digests of files before and after they were written.
+
+    The catalogue knows the digest of each file in the state in which it was last looked at, and
+    learns the new one. None is returned if it does not know a file in its state before, if a file
+    changes meanwhile or cannot be read, or if the files are large.
 
     Parameters
     ----------
-    now : Listing
+    written : sequence of Written
     home : Path
-        The folder of the solution whose catalogue is used; files elsewhere are left as they are.
+        The folder of the solution whose catalogue is used, and in which the files lie.
     """
-    files, rows, left = list(now.files), [], _MOST_BYTES
+    found, rows, left = [], [], _MOST_BYTES
     try:
         with closing(sqlite3.connect(_address(home), timeout=_WAIT_S, uri=True)) as base:
-            written = _in_other_states(now, base, f"{home}/")
-            if not 0 < len(written) <= _MOST:
-                return now
-            for place, path, name in written:
-                before = base.execute("SELECT * FROM file WHERE path = ?", (name,)).fetchone()
-                row = _row_of_same(path, before, left)
+            for one in written:
+                name = one.path.relative_to(home).as_posix()
+                known = base.execute("SELECT * FROM file WHERE path = ?", (name,)).fetchone()
+                row = None if known is None else _row_now(one, known, left)
                 if row is None:
-                    return now
+                    return None
                 left -= row[1]
                 rows.append(row)
-                files[place] = f"{path}\0{','.join(map(str, before[1:5]))}"
+                found.append(Redigested(name, str(known[6]), str(row[6])))
             # It is a cache: where it cannot be written, nothing is lost but time.
             with suppress(sqlite3.Error), base:
                 base.executemany("REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
     except (OSError, SpcolaError, sqlite3.Error, ValueError):
-        return now
-    return Listing(now.begun_ns, files)
+        return None
+    return found
 
 
 def _address(home: Path) -> str:
@@ -60,23 +65,16 @@ def _address(home: Path) -> str:
     return f"{(home / CATALOG_FILE).absolute().as_uri()}?mode=rw"
 
 
-def _in_other_states(
-    now: Listing, base: sqlite3.Connection, home: str
-) -> list[tuple[int, Path, str]]:
-    """Return the files that are in another state than the catalogue knows: place, path, name."""
-    stated, found = dict(base.execute(_STATES)), []
-    for place, line in enumerate(now.files):
-        path, _, state = line.partition("\0")
-        if path.startswith(home) and stated.get(name := path[len(home) :], state) != state:
-            found.append((place, Path(path), name))
-    return found
-
-
-def _row_of_same(path: Path, before: tuple[Any, ...], most_bytes: int) -> tuple[Any, ...] | None:
-    """Return the row of a file as it is now; None unless its content is that of the row before."""
-    begun, digest = time.time_ns(), known_digest(before, before[0], before[1:5])
-    state = file_status(path)
-    if digest is None or not path.is_file() or not state[0] == before[1] <= most_bytes:
+def _row_now(one: Written, known: tuple[Any, ...], most_bytes: int) -> tuple[Any, ...] | None:
+    """Return the row of a file as it is now; None if the row before is not of its state before."""
+    begun, state = time.time_ns(), file_status(one.path)
+    if _stated(state) != one.now or not one.path.is_file() or state[0] > most_bytes:
         return None
-    same = file_digest(path) == digest
-    return with_checksum(before[0], *state, begun, digest) if same else None
+    if _stated(known[1:5]) != one.before or known_digest(known, known[0], known[1:5]) is None:
+        return None
+    return with_checksum(known[0], *state, begun, file_digest(one.path))
+
+
+def _stated(state: Sequence[Any]) -> str:
+    """Return a state as listings of folders have it."""
+    return ",".join(map(str, state))

@@ -17,6 +17,7 @@ from fusion.pipeline.items.encoding import Encoded, decode, encode
 from fusion.runtime.remaining import note_done, note_found
 from spcola import atomic
 from spcola.errors import WorkspaceError
+from spcola.formats.named_arrays import read_arrays
 
 Result = TypeVar("Result")
 
@@ -92,10 +93,9 @@ def whole_version(stage: int) -> str:
 def _read(path: Path) -> tuple[bool, Any]:
     """Return whether there is a sound result in a file, and the result."""
     try:
-        # Every member has a checksum, which is verified here.
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
-            text = content[_TEXT].tobytes().decode("ascii")
-            arrays = [content[f"a{number}"] for number in range(len(content.files) - 1)]
+        content = read_arrays(path)
+        text = content[_TEXT].tobytes().decode("ascii")
+        arrays = [content[f"a{number}"] for number in range(len(content) - 1)]
         value = decode(Encoded(text, arrays))
         os.utime(path, (time.time(), time.time()))
     except (

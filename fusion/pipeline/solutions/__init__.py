@@ -2,10 +2,10 @@
 
 from fusion.pipeline.solutions.export import export_solution
 from fusion.pipeline.solutions.making import MadeBy, making_solution, solution_files
+from fusion.pipeline.solutions.removal import remove_solution
 from fusion.pipeline.solutions.solutions import (
-    free_name,
     lineage,
-    remove_solution,
+    new_name,
     solutions_of,
     use_solution,
 )
@@ -13,9 +13,9 @@ from fusion.pipeline.solutions.solutions import (
 __all__ = [
     "MadeBy",
     "export_solution",
-    "free_name",
     "lineage",
     "making_solution",
+    "new_name",
     "remove_solution",
     "solution_files",
     "solutions_of",

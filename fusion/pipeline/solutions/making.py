@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -41,7 +41,7 @@ class MadeBy:
     constants : mapping of str to mapping
         What it changes of the settings, by table.
     facts : mapping
-        Numbers of the change, in JSON types.
+        Numbers of the change, in JSON types; read when the solution is complete.
     digests : mapping of str to str
         SHA-256 of the files from which the change comes.
     settings : mapping of str to mapping
@@ -56,7 +56,9 @@ class MadeBy:
 
 
 @contextmanager
-def making_solution(workspace: Workspace, name: str, made_by: MadeBy) -> Iterator[Path]:
+def making_solution(
+    workspace: Workspace, name: str, made_by: MadeBy, *, without: Collection[str] = frozenset()
+) -> Iterator[Path]:
     """Make a solution from that of a workspace: whole, or not at all.
 
     The block writes into the folder that is yielded what differs from the parent's files, under
@@ -70,6 +72,8 @@ def making_solution(workspace: Workspace, name: str, made_by: MadeBy) -> Iterato
         Its solution is the parent.
     name : str
     made_by : MadeBy
+    without : collection of str
+        Files of the parent that the solution does not have, such as ``MAPFILES/AB0001.MAP``.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def making_solution(workspace: Workspace, name: str, made_by: MadeBy) -> Iterato
             "items": sum(len(visible_files(making / each)) for each in _FOLDERS),
             "processor_s": time.process_time() - started,
         }
-        _link_unchanged(workspace, making)
+        _link_unchanged(workspace, making, without)
         # The time has no place in digests of results: only the record has it.
         made = datetime.now(UTC).isoformat(timespec="seconds")
         write_record(making, replace(record, made=made, effort=effort))
@@ -141,12 +145,12 @@ def solution_files(workspace: Workspace) -> dict[str, list[Path]]:
     return {"": lists, **{name: visible_files(workspace.home / name) for name in _FOLDERS}}
 
 
-def _link_unchanged(workspace: Workspace, folder: Path) -> None:
+def _link_unchanged(workspace: Workspace, folder: Path, without: Collection[str]) -> None:
     """Link the parent's files that a new solution does not have; copied where links fail."""
     for name, paths in solution_files(workspace).items():
         for path in paths:
             target = folder / name / path.name
-            if target.exists():
+            if target.exists() or f"{name}/{path.name}" in without:
                 continue
             try:
                 # A link in the folder itself would be linked, not the file that it leads to.

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass, replace
 
-from fusion.pipeline.solutions.folder import begun, changing, part_of
-from fusion.runtime.folders import LOCK_FILE, locked
+from fusion.pipeline.solutions.folder import changing
 from fusion.workspace import IMPORTED, Workspace
 from fusion.workspace.solution_records import (
     SolutionRecord,
+    check_name,
     derived_names,
-    name_in_use,
     read_solution,
     write_name_in_use,
 )
@@ -46,6 +44,16 @@ class Solutions:
         if self.damaged:
             raise self.damaged[0]
         return self.records
+
+    def of_job(self, job: str) -> SolutionRecord | None:
+        """Return the one that a job of the service made before its worker was lost.
+
+        Parameters
+        ----------
+        job : str
+            The fact of that name in the record; none if empty.
+        """
+        return next((one for one in self.records if job and one.facts.get("job") == job), None)
 
 
 def solutions_of(workspace: Workspace) -> Solutions:
@@ -94,9 +102,23 @@ def lineage(workspace: Workspace) -> list[SolutionRecord]:
     return found
 
 
-def free_name(workspace: Workspace, stem: str) -> str:
-    """Return the first of ``stem-1``, ``stem-2``, … that no solution has."""
+def new_name(workspace: Workspace, name: str, stem: str) -> str:
+    """Return the name of a new solution: `name`, or the first of ``stem-1``, ``stem-2``, … free.
+
+    Raises
+    ------
+    WorkspaceError
+        If a solution has that name, or it is not allowed: before any work is done.
+    """
     taken, number = set(derived_names(workspace.root)), 1
+    if name:
+        check_name(name)
+        if name in taken:
+            home = replace(workspace, solution=name).home
+            raise WorkspaceError(
+                f"there is a solution {name!r} already", home, "name another: --as"
+            )
+        return name
     while f"{stem}-{number}" in taken:
         number += 1
     return f"{stem}-{number}"
@@ -118,52 +140,3 @@ def use_solution(workspace: Workspace, name: str) -> Workspace:
         used.settings()
         write_name_in_use(workspace.root, name)
     return used
-
-
-def remove_solution(workspace: Workspace, name: str) -> None:
-    """Remove a solution, and all that was made with it; also one whose record is damaged.
-
-    Raises
-    ------
-    WorkspaceError
-        If it is the imported one or the one in use, another was made from it, or another program
-        works with it.
-    """
-    root = workspace.root
-    if name == IMPORTED:
-        raise WorkspaceError("the imported solution cannot be removed", root)
-    with changing(root) as folder:
-        if name not in derived_names(root):
-            read_solution(root, name)
-        _check_removable(workspace, name)
-        gone = part_of(folder / name)
-        try:
-            with locked(folder / name / LOCK_FILE):
-                # Out of sight at once: a crash leaves no half of it under its name.
-                (folder / name).rename(gone)
-                if gone.is_symlink():
-                    gone.unlink()
-                shutil.rmtree(gone, ignore_errors=True)
-        except OSError as error:
-            raise WorkspaceError(f"cannot be removed ({error.strerror})", folder / name) from error
-
-
-def _check_removable(workspace: Workspace, name: str) -> None:
-    """Refuse to remove what is in use, or from which another solution was made."""
-    root = workspace.root
-    if name == name_in_use(root):
-        raise WorkspaceError(
-            f"the solution {name!r} is in use", root, "use another one first: spcola solution use"
-        )
-    found = solutions_of(workspace)
-    children = [one.name for one in (*found.records, *begun(root)) if one.parent == name]
-    if children:
-        raise WorkspaceError(
-            f"the solution {name!r} cannot be removed: {', '.join(children)} "
-            f"{'was' if len(children) == 1 else 'were'} made from it",
-            root,
-            "remove these first",
-        )
-    if found.damaged and name in {one.name for one in found.records}:
-        # What a damaged one was made from is not known.
-        raise found.damaged[0]

@@ -35,11 +35,16 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, caption: s
     """Return an HTML table; the first cell of each row is its heading. Cells are HTML."""
     title = f"<caption>{caption}</caption>" if caption else ""
     heads = "".join(f"<th>{cell}</th>" for cell in head)
-    body = "".join(f"<tr><th>{row[0]}</th>{''.join(map(_cell, row[1:]))}</tr>" for row in rows)
+    body = "".join(f"<tr>{row_cells(row)}</tr>" for row in rows)
     return (
         f'<div class="wide"><table>{title}<thead><tr>{heads}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
+
+
+def row_cells(row: Sequence[str]) -> str:
+    """Return the cells of a row of a table; the first one is its heading. Cells are HTML."""
+    return f"<th>{row[0]}</th>{''.join(map(_cell, row[1:]))}"
 
 
 def _cell(cell: str) -> str:
@@ -80,6 +85,7 @@ def html_page(
     versions: Mapping[str, str],
     *,
     preface: str = "",
+    style: str = "",
 ) -> str:
     """Return a self-contained page: everything it shows is inside.
 
@@ -93,13 +99,15 @@ def html_page(
         Programs and their versions, for the footer.
     preface : str
         HTML before the first section.
+    style : str
+        Style besides that of all pages.
     """
     links = "".join(f'<a href="#{key}">{escape(name)}</a>' for key, name, _ in sections)
     body = "".join(
         f'<section id="{key}"><h2>{escape(name)}</h2>{content}</section>'
         for key, name, content in sections
     )
-    style = files("fusion.report").joinpath("report.css").read_text(encoding="utf-8")
+    style = files("fusion.report").joinpath("report.css").read_text(encoding="utf-8") + style
     made = ", ".join(f"{key} {value}" for key, value in versions.items())
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'

@@ -12,7 +12,6 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
 from typing import Any, Self, TypeVar
@@ -20,6 +19,7 @@ from typing import Any, Self, TypeVar
 import cloudpickle
 
 from fusion.runtime.children.child import ERROR, MEMORY
+from fusion.runtime.children.item_run import ItemRun
 from fusion.runtime.children.payload import Payload
 from fusion.runtime.children.poisonous import PoisonousItemError, item_name
 from fusion.runtime.executor import AHEAD, ThreadExecutor
@@ -33,27 +33,6 @@ TRIES = 3
 """Processes that one item may end."""
 _START = "from fusion.runtime.children.child import serve; serve({}, {}, {})"
 _START_S = 120.0
-
-
-@dataclass(frozen=True)
-class ItemRun:
-    """What became of an item.
-
-    Parameters
-    ----------
-    name : str
-    seconds : float
-        Of all its tries.
-    deaths : tuple of str
-        How each process ended that the item cost.
-    error : str
-        Class of the error with which it ended; empty if it has a result.
-    """
-
-    name: str
-    seconds: float
-    deaths: tuple[str, ...]
-    error: str = ""
 
 
 class _DiedError(Exception):

@@ -4,6 +4,5 @@ from .folders import make_folder as make_folder
 from .folders import remove_folder as remove_folder
 from .lock import LOCK_FILE as LOCK_FILE
 from .lock import locked as locked
-from .remembered import Listing as Listing
 from .remembered import Remembered as Remembered
 from .ticks import may_hide_a_change as may_hide_a_change

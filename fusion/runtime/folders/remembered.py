@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import spcola
 from fusion.runtime.folders.ticks import may_hide_a_change
@@ -19,10 +19,15 @@ from fusion.runtime.json_values import content_digest, json_value
 from spcola import atomic
 from spcola.errors import SpcolaError
 
+__all__ = ["Listing", "Remembered", "Renewal", "Written"]
+
 _FOLDER = "provenance"
 # What a look at the folder changes itself.
 _OWN = "catalog.sqlite"
 _ITEMS = ".items"
+_KEPT = {"key", "outside", "content", "since", "details"}
+# With more files in other states all is found out anew.
+_MOST = 100
 
 
 class Listing(NamedTuple):
@@ -35,6 +40,36 @@ class Listing(NamedTuple):
     def changed_ns(self) -> int:
         """The last status change of any file, ns since 1970."""
         return max(int(line.rpartition("\0")[2].split(",")[2]) for line in self.files)
+
+
+class Written(NamedTuple):
+    """A file that is in another state than when something was found out."""
+
+    path: Path
+    before: str
+    now: str
+
+    @classmethod
+    def of_lines(cls, before: str, now: str) -> Self | None:
+        """Return the file of two lines of listings; None if they are about different files."""
+        (path, _, was), (same, _, state) = before.partition("\0"), now.partition("\0")
+        return cls(Path(path), was, state) if path == same else None
+
+
+class Renewal(NamedTuple):
+    """What is remembered of a folder of which some files are in other states since.
+
+    Attributes
+    ----------
+    content, details : dict
+        As they were kept.
+    written : list of Written
+        All files in other states; none came or went.
+    """
+
+    content: dict[str, Any]
+    details: dict[str, Any]
+    written: list[Written]
 
 
 @dataclass(frozen=True)
@@ -56,7 +91,10 @@ class Remembered:
     what: str = "info"
 
     def find(
-        self, now: Listing, *, known: Callable[[Listing, Mapping[str, Any]], Listing] | None = None
+        self,
+        now: Listing,
+        *,
+        renewed: Callable[[Renewal], Mapping[str, Any] | None] | None = None,
     ) -> dict[str, Any] | None:
         """Return what is remembered; None if there is nothing, or a file changed since.
 
@@ -64,34 +102,35 @@ class Remembered:
         ----------
         now : Listing
             The folder as it is (:meth:`listing`).
-        known : callable, optional
-            Returns the listing, given what is remembered, with the earlier states of those files
-            that were written again with the same content. What is remembered holds for these too,
-            and is remembered for the states of `now`.
+        renewed : callable, optional
+            Returns what holds with some files in other states, or None if that has to be found out
+            anew. It is asked if details were kept, and is remembered.
         """
-        try:
-            kept = json.loads(self._file.read_text(encoding="utf-8"))
-            content, outside, key = kept["content"], kept["outside"], kept["key"]
-            sound = kept["digest"] == content_digest([content, outside, key])
-            same = all(_status(path) == stated for path, stated in outside.items())
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            return None
-        if not (sound and same and now.files):
+        kept = self._kept()
+        if kept is None or not now.files:
             return None
         found = self._key(now)
-        if key == found:
-            return dict(content)
-        then = now if known is None else known(now, content)
-        if then is now or key != self._key(then):
+        if kept["key"] == found:
+            return dict(kept["content"])
+        if renewed is None or (asked := self._renewal(kept, now)) is None:
             return None
-        again = zip(now.files, then.files, strict=True)
-        written = Listing(now.begun_ns, [line for line, before in again if line != before])
-        if not may_hide_a_change(written.changed_ns, since=now.begun_ns):
+        renewal, since = asked
+        if (content := renewed(renewal)) is None:
+            return None
+        changed = Listing(now.begun_ns, list(since.values()))
+        if not may_hide_a_change(changed.changed_ns, since=now.begun_ns):
             with suppress(OSError, SpcolaError):
-                self._write(found, content, outside)
+                new = {"key": found, "content": json_value(content), "since": since}
+                self._write({**kept, **new})
         return dict(content)
 
-    def keep(self, before: Listing, content: Mapping[str, Any], outside: Iterable[Path]) -> None:
+    def keep(
+        self,
+        before: Listing,
+        content: Mapping[str, Any],
+        outside: Iterable[Path],
+        details: Mapping[str, Any] | None = None,
+    ) -> None:
         """Remember `content`, in JSON types, if no file changed since they were listed.
 
         Nothing is kept in a folder that cannot be written, or that changed so late that a further
@@ -104,6 +143,8 @@ class Remembered:
         content : mapping
         outside : iterable of Path
             Further files on which it depends.
+        details : mapping, optional
+            What is needed to renew `content` after a few files changed, in JSON types.
         """
         with suppress(OSError, SpcolaError, ValueError):
             now = self.listing()
@@ -112,19 +153,72 @@ class Remembered:
             if may_hide_a_change(now.changed_ns, since=before.begun_ns):
                 return
             others = {str(path): _status(str(path)) for path in outside}
-            self._write(self._key(now), json_value(content), others)
+            kept = {"key": self._key(now), "outside": others, "content": json_value(content)}
+            self._write({**kept, "since": {}, "details": self._write_details(details, now)})
 
-    def _write(
-        self, key: str, content: Mapping[str, Any], outside: Mapping[str, list[int] | None]
-    ) -> None:
-        digest = content_digest([content, outside, key])
-        kept = {"key": key, "outside": outside, "content": content, "digest": digest}
+    def _kept(self) -> dict[str, Any] | None:
+        """Return what is kept if it is sound and no file outside has changed."""
+        try:
+            kept: dict[str, Any] = json.loads(self._file.read_text(encoding="utf-8"))
+            digest = kept.pop("digest")
+            sound = digest == content_digest(kept) and kept.keys() == _KEPT
+            same = sound and all(_status(path) == was for path, was in kept["outside"].items())
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return None
+        return kept if same else None
+
+    def _write(self, kept: Mapping[str, Any]) -> None:
         if self._file.parent.is_dir():
-            atomic.write_text(self._file, json.dumps(kept))
+            atomic.write_text(self._file, json.dumps({**kept, "digest": content_digest(kept)}))
+
+    def _write_details(self, details: Mapping[str, Any] | None, now: Listing) -> str | None:
+        """Write details and the listing to a file of their own; return its digest.
+
+        They are needed only after a change, and a hundred times larger than the rest.
+        """
+        path = self._details_file
+        if details is None or not path.parent.is_dir():
+            return None
+        lines = (json.dumps(json_value(details)), *now.files)
+        text = "\n".join(lines).encode("utf-8", "surrogateescape")
+        atomic.write_bytes(path, text)
+        return hashlib.sha256(text).hexdigest()
+
+    def _renewal(
+        self, kept: Mapping[str, Any], now: Listing
+    ) -> tuple[Renewal, dict[str, str]] | None:
+        """Return what is to be renewed, and the lines that differ from the listing of the details.
+
+        None unless a few files in other states are all that has changed.
+        """
+        try:
+            text = self._details_file.read_bytes()
+            if hashlib.sha256(text).hexdigest() != kept["details"]:
+                return None
+            head, *files = text.decode("utf-8", "surrogateescape").split("\n")
+            for place, line in kept["since"].items():
+                files[int(place)] = line
+            details = json.loads(head)
+        except (OSError, ValueError, IndexError):
+            return None
+        if len(files) != len(now.files) or self._key(Listing(0, files)) != kept["key"]:
+            return None
+        pairs = zip(files, now.files, strict=True)
+        places = [place for place, (before, after) in enumerate(pairs) if before != after]
+        written = [Written.of_lines(files[place], now.files[place]) for place in places[:_MOST]]
+        found = [one for one in written if one is not None]
+        if len(found) < len(places):
+            return None
+        since = {str(place): now.files[place] for place in places}
+        return Renewal(dict(kept["content"]), details, found), {**kept["since"], **since}
 
     @property
     def _file(self) -> Path:
         return self.folder / _FOLDER / f".{self.what}"
+
+    @property
+    def _details_file(self) -> Path:
+        return self.folder / _FOLDER / f".{self.what}-details"
 
     def listing(self) -> Listing:
         """Return all files of the folder with their states; empty if it cannot be listed."""

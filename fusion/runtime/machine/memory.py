@@ -32,11 +32,31 @@ def check_grid(half_size: float, where: str, do: str) -> None:
         If the grid does not fit; with the memory needed and available.
     """
     points = (2.0 * half_size + 1.0) ** 2
-    needed, there = BYTES_PER_POINT * points, physical_memory()
+    side = f"a grid of {2 * half_size + 1:.4g} points on a side"
+    check_memory(BYTES_PER_POINT * points, side, where, do)
+
+
+def check_memory(needed: float, what: str, where: str, do: str) -> None:
+    """Refuse what this machine cannot hold.
+
+    Parameters
+    ----------
+    needed : float
+        Bytes.
+    what : str
+        What needs them, for the message.
+    where, do : str
+        Place and advice of the error.
+
+    Raises
+    ------
+    WorkspaceError
+        With the memory needed and available.
+    """
+    there = physical_memory()
     if needed > there:
         raise WorkspaceError(
-            f"a grid of {2 * half_size + 1:.4g} points on a side needs {needed / 1e9:.3g} GB of "
-            f"memory, this machine has {there / 1e9:.3g} GB",
+            f"{what} needs {needed / 1e9:.3g} GB of memory, this machine has {there / 1e9:.3g} GB",
             where,
             do,
         )

@@ -1,5 +1,6 @@
 """Images brought into a workspace: pixels, states, catalogue, triage, and checks by the shape."""
 
+from fusion.stages.images.candidates import isd_file
 from fusion.stages.images.catalogue import count_images
 from fusion.stages.images.choice import StateChoice, StateKind
 from fusion.stages.images.importing import ImportOptions, import_images
@@ -15,5 +16,6 @@ __all__ = [
     "Turn",
     "count_images",
     "import_images",
+    "isd_file",
     "triage_images",
 ]

@@ -17,13 +17,40 @@ from fusion.stages.states.source import stated_spin
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
-from spcola.errors import FormatError
+from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.cameras import read_colmap_cameras, read_isd
 from spcola.formats.states import Exposure, read_colmap, read_isd_states, read_poses
 from spcola.navigation.states import ImageState
 
 Found = TypeVar("Found")
 _ISD_ENDINGS = (".isd", ".json", ".ISD", ".JSON")
+
+
+def isd_file(image: Path, folder: Path | None = None) -> Path | None:
+    """Return the ISD file of an image, in a folder or next to it; None if there is none."""
+    named = (folder or image.parent) / image.stem
+    paths = (named.with_name(f"{named.name}{ending}") for ending in _ISD_ENDINGS)
+    return next((path for path in paths if path.is_file()), None)
+
+
+def images_among(paths: Sequence[Path], choice: StateChoice) -> list[Path]:
+    """Return the images among files that are given together with their ISD files.
+
+    Raises
+    ------
+    InvalidValueError
+        If an ISD file is that of no image.
+    """
+    if choice.kind is not StateKind.ISD or choice.path is not None:
+        return list(paths)
+    images = [path for path in paths if path.suffix not in _ISD_ENDINGS]
+    stems = {path.with_suffix("") for path in images}
+    for path in paths:
+        if path.with_suffix("") not in stems:
+            raise InvalidValueError(
+                "is the ISD file of no image that is given", path, "name it as its image"
+            )
+    return images
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +188,7 @@ def _by_isd(
     del workspace, line_times
     found = {}
     for image in images:
-        folder = choice.path or image.path.parent
-        paths = [folder / f"{image.path.stem}{ending}" for ending in _ISD_ENDINGS]
-        path = next((path for path in paths if path.is_file()), None)
+        path = isd_file(image.path, choice.path)
         if path is None:
             continue
         sensor = read_isd(path)

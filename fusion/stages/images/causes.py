@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.stages.images.record import ImageRecord
 from fusion.stages.images.triage_report import Likely
+from fusion.stages.images.turns import Turn
 from fusion.workspace import Workspace
 from spcola.arrays import AnyArray
 from spcola.camera import SpcImage
@@ -56,38 +57,56 @@ def pixels_of(workspace: Workspace, record: ImageRecord) -> AnyArray:
     return read_image_data(path, *record.size)
 
 
-def step_of(record: ImageRecord, cells: int) -> int:
-    """Return pixels along a side of a cell."""
-    return max(1, -(-max(record.size) // cells))
+def step_of(size: tuple[int, int], cells: int) -> int:
+    """Return pixels along a side of a cell, with `cells` along the longer side of a frame."""
+    return max(1, -(-max(size) // cells))
 
 
-def reach_of(record: ImageRecord) -> float:
+def reach_of(size: tuple[int, int]) -> float:
     """Return how many pixels an image may be displaced from its state."""
-    return _REACH * max(record.size)
+    return _REACH * max(size)
 
 
-def match_frame(
-    record: ImageRecord, image: View, dn: AnyArray, rendered: RenderedFrame
-) -> FrameMatch:
+def match_frame(image: View, dn: AnyArray, rendered: RenderedFrame) -> FrameMatch:
     """Compare pixels with a rendering."""
     return compare_frame(
         np.ascontiguousarray(dn),
         rendered,
         lowest=float(image.thresholds[0]),
-        reach_px=reach_of(record),
+        reach_px=reach_of(image.size),
     )
 
 
-def is_distinct(
-    record: ImageRecord, dn: AnyArray, rendered: RenderedFrame, match: FrameMatch
-) -> bool:
+def is_distinct(dn: AnyArray, rendered: RenderedFrame, match: FrameMatch) -> bool:
     """Return whether a picture fits a rendering at its best offset much better than far from it."""
     elsewhere = correlation_beyond(
-        np.ascontiguousarray(dn), rendered, match.offset,
-        distance_px=_ELSEWHERE * max(record.size),
-    )  # fmt: skip
+        np.ascontiguousarray(dn), rendered, match.offset, distance_px=_ELSEWHERE * max(dn.shape)
+    )
     limb = rendered.body.mean() < MOST_OF_FRAME
     return match.correlation - elsewhere >= (_DISTINCT_LIMB if limb else _DISTINCT)
+
+
+def better_turn(
+    image: View, dn: AnyArray, rendered: RenderedFrame, match: FrameMatch
+) -> Turn | None:
+    """Return the orientation in which pixels fit a rendering clearly better than as stored.
+
+    Parameters
+    ----------
+    image : SpcImage
+    dn : (NLN, NPX) ndarray
+    rendered : RenderedFrame
+    match : FrameMatch
+        Of the pixels as they are stored.
+    """
+    turns = [turn for turn in Turn if turn is not Turn.AS_STORED]
+    if image.size[0] != image.size[1]:
+        turns = [turn for turn in turns if not turn.exchanges]
+    found = {turn: match_frame(image, turn.orientation.apply(dn), rendered) for turn in turns}
+    best = max(turns, key=lambda turn: found[turn].correlation)
+    better = found[best].correlation >= max(_FITS, match.correlation + _CLEARLY)
+    distinct = better and is_distinct(best.orientation.apply(dn), rendered, found[best])
+    return best if distinct else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +165,14 @@ class CauseSearch:
         0 where it fits far from the state, or as well elsewhere: one mistake does not explain it.
         """
         dn = pixels_of(self.workspace, record)
-        step = step_of(record, COARSE)
+        step = step_of(record.size, COARSE)
         found = {}
         for name, state in states.items():
             rendered = render_frame(self.caster, state, step=step)
             if rendered.body.any():
-                match = match_frame(record, state, dn, rendered)
-                near = max(map(abs, match.offset)) <= reach_of(record)
-                explains = near and is_distinct(record, dn, rendered, match)
+                match = match_frame(state, dn, rendered)
+                near = max(map(abs, match.offset)) <= reach_of(record.size)
+                explains = near and is_distinct(dn, rendered, match)
                 found[name] = match.correlation if explains else 0.0
         return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +14,7 @@ from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import LOCK_FILE, clear_leftovers, locked, make_folder
 from fusion.runtime.remaining import Timed
+from fusion.stages.images.candidates import images_among
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
 from fusion.stages.images.choice import StateChoice, StateKind
 from fusion.stages.images.doubts import StateDoubt, find_doubts
@@ -90,6 +91,7 @@ def import_images(
     executor: Executor,
     progress: Progress | None = None,
     wait: bool = False,
+    lasting: Callable[[str], str] = str,
 ) -> Imported:
     """Bring images into a workspace.
 
@@ -103,12 +105,16 @@ def import_images(
     workspace : Workspace
         States go into its solution; pixels belong to all solutions.
     paths : sequence of Path
+        Images; labels, pixels of labels, and ISD files may be given with them.
     options : ImportOptions
     executor : Executor
     progress : Progress, optional
     wait : bool
         Whether to wait for another program that brings in images, or works with the solution into
         which states go.
+    lasting : callable
+        Returns the path by which the catalogue names a file that is read, from the one where it is
+        read: that may be a passing one.
 
     Raises
     ------
@@ -119,7 +125,8 @@ def import_images(
     with _writing(workspace, options.states, wait=wait):
         _clear(workspace)
         catalogue = read_catalogue(workspace)
-        opened = open_images(paths, executor, size=options.size)
+        given = images_among(paths, options.states)
+        opened = open_images(given, executor, size=options.size)
         images = [image for image in opened if _is_wanted(image, options.filters)]
         found = find_sightings(workspace, images, options.states)
         known = _known(workspace, images, catalogue, options)
@@ -132,6 +139,7 @@ def import_images(
             _record(workspace, one, facts.get(one.name), options, known.get(one.image.digest))
             for one in planned
         ]
+        records = [_lasting(record, lasting) for record in records]
         _write_states(workspace, planned, records, options.recipe)
         if planned:
             merged = {**catalogue, **{record.name: record for record in records}}
@@ -197,7 +205,7 @@ def _known(
         if record.recipe != recipe:
             raise WorkspaceError(
                 f"is there already as {record.name}, prepared with other --dark, --flat, "
-                "--smear-s, --bits, thresholds or --orientation",
+                "--smear-s, --bits, --gamma, thresholds or --orientation",
                 image.path,
                 f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
             )
@@ -356,6 +364,16 @@ def _record(
         str(options.recipe.turn), _turned_size(image, options), facts, image.label, state, camera,
         notes, fit,
     )  # fmt: skip
+
+
+def _lasting(record: ImageRecord, lasting: Callable[[str], str]) -> ImageRecord:
+    """Return a record that names image, state and camera where they remain."""
+    state, camera = record.state, record.camera
+    if state is not None:
+        state = {**state, "from": lasting(state["from"])}
+    if camera is not None:
+        camera = lasting(camera)
+    return replace(record, source=lasting(record.source), state=state, camera=camera)
 
 
 def _write_states(

@@ -14,6 +14,7 @@ from spcola.camera.detector import Orientation
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.images import ImageFile, open_image
 from spcola.formats.images.names import NamedImage, is_spc_name, spc_name
+from spcola.formats.images.open_image import is_plain
 from spcola.formats.states import read_isis_states
 from spcola.navigation import utc_from_et
 
@@ -24,9 +25,10 @@ class OpenedImage:
 
     Parameters
     ----------
-    path : Path
+    path, pixels : Path
+        The given file, and that with the pixels.
     digest : str
-        SHA-256 of the file with the pixels.
+        SHA-256 of the pixels' file.
     original : str
         Name of the product or file.
     keys : tuple of str
@@ -46,6 +48,7 @@ class OpenedImage:
     """
 
     path: Path
+    pixels: Path
     digest: str
     original: str
     keys: tuple[str, ...]
@@ -61,7 +64,7 @@ class OpenedImage:
 def open_images(
     paths: Sequence[Path], executor: Executor, *, size: tuple[int, int] | None = None
 ) -> list[OpenedImage]:
-    """Open files in parallel; a file that is given twice, also as its label, is opened once.
+    """Open files in parallel; a file that is given twice, also as its label, is one image.
 
     Raises
     ------
@@ -70,20 +73,43 @@ def open_images(
     InvalidValueError
         If two files have the same content.
     """
-    found = executor.stream(lambda path: _opened(path, size), paths)
+    # Pixels without a header may be those of a label with another name.
+    plain = {path for path in paths if not _has_size(path, size) and is_plain(path)}
+    opened = _all_opened([path for path in paths if path not in plain], executor, size)
+    named = {one.pixels.resolve() for one in opened.values()}
+    alone = [path for path in paths if path in plain and path.resolve() not in named]
+    opened |= _all_opened(alone, executor, size)
     images: dict[str, OpenedImage] = {}
-    for image in found:
+    for image in (opened[path] for path in paths if path in opened):
         other = images.setdefault(image.digest, image)
-        if other.path.stem != image.path.stem:
+        if other.path.stem == image.path.stem:
+            continue
+        if not other.pixels.samefile(image.pixels):
             raise InvalidValueError(
                 f"holds the same image as {other.path}", image.path, "give one of them"
             )
+        if image.path != image.pixels:
+            # The label states what its pixels' file may not.
+            images[image.digest] = image
     return list(images.values())
+
+
+def _all_opened(
+    paths: Sequence[Path], executor: Executor, size: tuple[int, int] | None
+) -> dict[Path, OpenedImage]:
+    """Open files in parallel; each by its path."""
+    found = executor.stream(lambda path: _opened(path, size), paths)
+    return dict(zip(paths, found, strict=True))
+
+
+def _has_size(path: Path, size: tuple[int, int] | None) -> bool:
+    """Return whether the given size is that of a file."""
+    return size is not None and path.suffix.upper() == ".DAT"
 
 
 def _opened(path: Path, size: tuple[int, int] | None) -> OpenedImage:
     """Open one file."""
-    image = open_image(path, size=size if path.suffix.upper() == ".DAT" else None)
+    image = open_image(path, size=size if _has_size(path, size) else None)
     try:
         mid = image.label.mid_exposure()
     except FormatError as error:
@@ -92,7 +118,7 @@ def _opened(path: Path, size: tuple[int, int] | None) -> OpenedImage:
     keys = (path.name, path.stem, original, Path(original).stem)
     time = _table_time(image) if mid is None else mid.et
     return OpenedImage(
-        path, file_digest(image.pixel_path), original,
+        path, image.pixel_path, file_digest(image.pixel_path), original,
         tuple(dict.fromkeys(keys)), time, (image.width, image.height),
         image.label.line_exposure_s is not None, image.label.filter, _facts(image), image.notes,
         image.label.orientation,

@@ -52,6 +52,8 @@ class Recipe:
         Smear is removed if given.
     low, high : int, optional
         Thresholds in DN; by the histogram if not given.
+    gamma : float
+        Brightness is the number in a file to this power.
     bright_background : bool
         Whether the body lies in front of something brighter; then `high` is found between both.
     """
@@ -65,6 +67,7 @@ class Recipe:
     low: int | None = None
     high: int | None = None
     bright_background: bool = False
+    gamma: float = 1.0
 
     @cached_property
     def digest(self) -> str:
@@ -74,6 +77,7 @@ class Recipe:
         content = repr((
             *frames, self.dark_scale if self.dark else 1.0, self.bits, str(self.turn),
             *(more if any(value is not None and value is not False for value in more) else ()),
+            *(("gamma", self.gamma) if self.gamma != 1.0 else ()),
         ))  # fmt: skip
         return hashlib.sha256(content.encode()).hexdigest()
 
@@ -87,7 +91,7 @@ class Recipe:
         dark, flat = (None if path is None else _frame(path) for path in (self.dark, self.flat))
         return Preparation(
             dark=dark, flat=flat, dark_scale=self.dark_scale, bits=self.bits, low=self.low,
-            high=self.high, bright_background=self.bright_background,
+            high=self.high, bright_background=self.bright_background, gamma=self.gamma,
         )  # fmt: skip
 
 

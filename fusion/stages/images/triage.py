@@ -219,7 +219,7 @@ def _triage(
     view = center_view(caster, image)
     corners: tuple[tuple[float, float], ...] = ()
     if caster is not None:
-        rendered = render_frame(caster, image, step=step_of(record, COARSE))
+        rendered = render_frame(caster, image, step=step_of(record.size, COARSE))
         share = float(rendered.body.mean())
         corners = _longitudes_latitudes(footprint(caster, image))
         flags += _view_flags(record, image, caster, share)
@@ -297,7 +297,7 @@ def _fit(
     turns = [turn for turn in Turn if square or not turn.exchanges]
 
     def match(turn: Turn, rendered: RenderedFrame) -> FrameMatch:
-        return match_frame(record, image, turn.orientation.apply(dn), rendered)
+        return match_frame(image, turn.orientation.apply(dn), rendered)
 
     found = {turn: match(turn, coarse) for turn in turns}
     best, second = sorted(turns, key=lambda turn: -found[turn].correlation)[:2]
@@ -305,10 +305,10 @@ def _fit(
     # The frame may lie far off its state; then another orientation is no finding, nor is a peak
     # at the border of the search.
     far = max(map(abs, found[best].offset))
-    most = 0.5 * max(record.size) - coarse.step if best is Turn.AS_STORED else reach_of(record)
+    most = 0.5 * max(record.size) - coarse.step if best is Turn.AS_STORED else reach_of(record.size)
     clear = far <= most and scores[0] >= _FITS and scores[0] - scores[1] >= _CLEARLY
-    clear = clear and is_distinct(record, best.orientation.apply(dn), coarse, found[best])
-    fine = render_frame(caster, image, step=step_of(record, _FINE))
+    clear = clear and is_distinct(best.orientation.apply(dn), coarse, found[best])
+    fine = render_frame(caster, image, step=step_of(record.size, _FINE))
     chosen = match(best if clear else Turn.AS_STORED, fine)
     return Fit(
         best if clear else None, scores[0], found[Turn.AS_STORED].given, scores[1],

@@ -11,15 +11,14 @@ from fusion.estimation.verdict import Code, Verdict
 from fusion.pipeline.catalog import file_digest, read_record
 from fusion.pipeline.solutions import (
     MadeBy,
-    free_name,
     making_solution,
+    new_name,
     solution_files,
     solutions_of,
 )
 from fusion.runtime import Progress, json_value
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import BodySettings
-from fusion.workspace.solution_records import SolutionRecord
 from spcola.control import (
     scaled,
 )
@@ -169,12 +168,12 @@ def apply_scale(
         If a file of the solution is damaged.
     """
     scaled_files = _scaled_files(workspace)
-    if (made := _made_by_job(workspace, job)) is not None:
+    if (made := solutions_of(workspace).of_job(job)) is not None:
         return _applied(made.name, workspace, made.facts, scaled_files)
     where = workspace.scale_path
     content = workspace.read_json(where.name)
     epsilon, sigma = usable_epsilon(content, where, accepted)
-    factor, chosen = 1.0 + epsilon, name or free_name(workspace, "scaled")
+    factor, chosen = 1.0 + epsilon, name or new_name(workspace, "", "scaled")
     settings = workspace.settings()
     # OBJ are written with faces numbered from 1.
     body: dict[str, Any] = {"faces_from": 1}
@@ -196,12 +195,6 @@ def apply_scale(
                     write(path, folder / part / path.name, factor)
                     task.advance()
     return _applied(chosen, workspace, facts, scaled_files)
-
-
-def _made_by_job(workspace: Workspace, job: str) -> SolutionRecord | None:
-    """Return the solution that a job has made already, before its worker was lost."""
-    records = solutions_of(workspace).records if job else ()
-    return next((one for one in records if one.facts.get("job") == job), None)
 
 
 def _applied(

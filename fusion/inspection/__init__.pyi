@@ -1,0 +1,9 @@
+from .describe import describe_file as describe_file
+from .foreign import name_content as name_content
+from .outside import outside_files as outside_files
+from .solution_difference import SolutionDifference as SolutionDifference
+from .solution_difference import difference_lines as difference_lines
+from .solution_difference import solution_difference as solution_difference
+from .terrain import read_terrain as read_terrain
+from .workspace_facts import describe_solution as describe_solution
+from .workspace_facts import describe_workspace as describe_workspace

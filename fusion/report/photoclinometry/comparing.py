@@ -1,0 +1,72 @@
+"""Images of a solved maplet and what it lets expect, from the files of its solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fusion.report.photoclinometry.goodness import residual_limit
+from fusion.report.photoclinometry.strips import strip_codes
+from fusion.workspace import Workspace
+from spcola.arrays import AnyArray
+from spcola.grids import Maplet
+from spcola.photometry.functions import photometric_function
+from spcola.photometry.photoclinometry import Comparison, PhotoclinometryOptions
+from spcola.shape import RayCaster
+
+
+def image_strip(
+    workspace: Workspace,
+    content: Mapping[str, Any],
+    maplet: Maplet,
+    image: str,
+    beyond: RayCaster | None,
+) -> AnyArray:
+    """Return an image on the grid of a maplet, its rendering and the residual, side by side.
+
+    Without pixels all is unknown.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        In the solution.
+    content : mapping
+        Of its ``photoclinometry.json``.
+    maplet : Maplet
+        Of that solution.
+    image : str
+        Name of one that was used for it.
+    beyond : RayCaster, optional
+        The shape.
+
+    Returns
+    -------
+    (size, 3 size + 4) ndarray of uint8
+        Codes for :func:`strip_png`.
+
+    Raises
+    ------
+    SpcolaError
+        If a file cannot be read.
+    """
+    one = content["maplets"][maplet.name]
+    found = None
+    if workspace.exposure_path(image).is_file():
+        options = content["options"]
+        function = photometric_function(options["photometry"])
+        fit = one["images"][image]
+        found = Comparison.on_grid(
+            maplet,
+            workspace.exposed(workspace.image(image)),
+            shift_px=_pair(fit["shift_px"]),
+            gradient=_pair(fit.get("gradient")),
+            beyond=() if beyond is None else (beyond,),
+            options=PhotoclinometryOptions(function, options["psf_px"]),
+        )
+    return strip_codes(found, residual_limit(one), maplet.grid.size)
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    """Return two numbers; zeros where they are not known."""
+    first, second = values or (None, None)
+    return float(first or 0.0), float(second or 0.0)

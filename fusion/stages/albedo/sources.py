@@ -1,0 +1,145 @@
+"""What the albedo of known ground is solved from: images and their states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fusion.pipeline.items import ItemStore
+from fusion.runtime.machine import check_memory
+from fusion.stages.albedo.options import AlbedoWork
+from fusion.stages.lithos.digests import ImageDigests
+from fusion.stages.register import ImageScene
+from fusion.workspace import Workspace
+from spcola.arrays import FloatArray
+from spcola.camera import SpcImage
+from spcola.errors import WorkspaceError
+from spcola.grids import Maplet, MapletGrid
+from spcola.imagematching import ChoiceOptions
+from spcola.photometry.albedo import AlbedoOptions, AlbedoSolution, solve_albedo
+
+# Cells along a side of the ground for which images are chosen, and most squares of them.
+_SIDE, _MOST_SIDES = 98, 6
+# Bytes of a cell for each image, and besides.
+_CELL_IMAGE_BYTES, _CELL_BYTES = 2, 200
+
+
+@dataclass(frozen=True, eq=False)
+class AlbedoSources:
+    """Solves the albedo of ground of a workspace, piece by piece.
+
+    Parameters
+    ----------
+    images : ImageScene
+    items : ItemStore
+    work : AlbedoWork
+    digests : ImageDigests
+    """
+
+    images: ImageScene
+    items: ItemStore
+    work: AlbedoWork
+    digests: ImageDigests
+
+    @classmethod
+    def of(
+        cls, workspace: Workspace, grids: list[MapletGrid], items: ItemStore, work: AlbedoWork
+    ) -> AlbedoSources:
+        """Read states of images that may show ground on `grids`.
+
+        Raises
+        ------
+        WorkspaceError
+            If no image has both pixels and a state of known uncertainty.
+        """
+        images = ImageScene.of(workspace, grids, workspace.settings().registration)
+        own = work.albedo.photoclinometry
+        images = replace(
+            images,
+            choice=ChoiceOptions(most=work.max_images),
+            options=replace(images.options, function=own.function, psf_px=own.psf_px),
+        )
+        if not images.images:
+            raise WorkspaceError(
+                "no image has both pixels and a state of known uncertainty",
+                workspace.root / "IMAGEFILES",
+                "bring images and states: spcola images",
+            )
+        return cls(images, items, work, ImageDigests(workspace))
+
+    def showing(self, grid: MapletGrid) -> list[SpcImage]:
+        """Return the images of a grid: of a large one those of its parts, each once."""
+        found: dict[str, SpcImage] = {}
+        for part in _parts(grid):
+            found |= {image.name: image for image in self.images.showing(part)}
+        return list(found.values())
+
+    def input_digests(self, grids: Iterable[MapletGrid]) -> dict[str, str]:
+        """Return SHA-256 of states and pixels of the images of grids, and of the shape, by path."""
+        shown = {image.name for grid in grids for image in self.showing(grid)}
+        return self.digests.files(one for one in self.images.images if one.name in shown)
+
+    def solve(self, ground: Maplet) -> AlbedoSolution:
+        """Return the albedo of ground; a kept one if nothing that goes into it changed.
+
+        Raises
+        ------
+        WorkspaceError
+            If this machine has too little memory for it.
+        """
+        images = self.showing(ground.grid)
+        cells = (ground.grid.size - 1) ** 2
+        check_memory(
+            cells * (_CELL_BYTES + _CELL_IMAGE_BYTES * len(images)),
+            f"the albedo of {ground.name} by {len(images)} images",
+            "--max-images",
+            "lower it, or make a smaller bigmap",
+        )
+        found: AlbedoSolution = self.items.result(
+            self.from_images,
+            replace(ground, albedo=np.ones(ground.grid.shape)),
+            {image.name: self.digests.of(image) for image in images},
+            self.digests.shape,
+            {image.name: self.images.states[image.name] for image in images},
+            self.work.albedo,
+        )
+        return found
+
+    def from_images(
+        self,
+        ground: Maplet,
+        images: Mapping[str, str],
+        shape: str,
+        states: Mapping[str, FloatArray],
+        options: AlbedoOptions,
+    ) -> AlbedoSolution:
+        """Return the albedo by what is given; images and shape are those of the digests.
+
+        Parameters
+        ----------
+        ground : Maplet
+            Its own albedo is not used.
+        images : mapping of str to str
+            Digests of state and pixels by the names of images.
+        shape : str
+            Digest of the shape.
+        states : mapping of str to (6, 6) ndarray
+        options : AlbedoOptions
+        """
+        known = {image.name: image for image in self.images.images}
+        exposed = [self.images.exposed(known[name]) for name in images]
+        return solve_albedo(ground, exposed, states, beyond=self.images.beyond, options=options)
+
+
+def _parts(grid: MapletGrid) -> list[MapletGrid]:
+    """Return squares that cover a grid, each about as large as a maplet: at most 36."""
+    count = min(max(1, round((grid.size - 1) / _SIDE)), _MOST_SIDES)
+    half = -(-grid.half_size // count)
+    middles = np.linspace(-grid.half_size + half, grid.half_size - half, count)
+    return [
+        replace(grid, center=grid.center + grid.gsd * (y * grid.uy + x * grid.ux), half_size=half)
+        for y in middles
+        for x in middles
+    ]

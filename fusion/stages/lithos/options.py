@@ -1,0 +1,161 @@
+"""Options of ``spcola spc lithos``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Literal, Self
+
+from fusion.pipeline import Subset, find_table
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.processing import LithosSettings, RegisterSettings
+from spcola.errors import SettingsError
+from spcola.photometry.functions import photometric_function
+from spcola.photometry.photoclinometry import AlbedoConvention, PhotoclinometryOptions
+
+StartKind = Literal["maplet", "shape"]
+
+
+class ConstraintKind(StrEnum):
+    """Heights that constrain the integration."""
+
+    SHAPE = "shape"
+    """Of the solution's shape."""
+    OVERLAPS = "overlaps"
+    """Of the maplets that overlap, as the parent solution has them."""
+    LIDAR = "lidar"
+    """Of the registered mapolas."""
+
+
+class Purpose(StrEnum):
+    """The command that makes the solution."""
+
+    LITHOS = "spcola spc lithos"
+    SPCOLA = "spcola fuse --from images"
+
+    @property
+    def stem(self) -> str:
+        """What names of its solutions begin with."""
+        return "lithos" if self is Purpose.LITHOS else "spcola"
+
+
+@dataclass(frozen=True)
+class LithosOptions:
+    """What is solved, and how.
+
+    Parameters
+    ----------
+    subset : Subset
+        Maplets that are solved; the others stay as they are.
+    start : {"maplet", "shape"}
+        Heights and albedo of the first round: the solution's maplet, or its shape with albedo 1.
+    constraints : tuple of ConstraintKind
+    shape_sigma_m : float, optional
+        One standard deviation of the shape's heights, metres; the GSD of a maplet if not given.
+    max_images : int
+        Most images of a maplet.
+    photoclinometry : PhotoclinometryOptions
+    accepted : tuple of str
+        Codes of findings of the registration that are accepted, where the lidar is asked for.
+    purpose : Purpose
+
+    Raises
+    ------
+    SettingsError
+        If a value is impossible.
+    """
+
+    subset: Subset = field(default_factory=Subset)
+    start: StartKind = "maplet"
+    constraints: tuple[ConstraintKind, ...] = (ConstraintKind.SHAPE,)
+    shape_sigma_m: float | None = None
+    max_images: int = 50
+    photoclinometry: PhotoclinometryOptions = field(default_factory=PhotoclinometryOptions)
+    accepted: tuple[str, ...] = ()
+    purpose: Purpose = Purpose.LITHOS
+
+    @classmethod
+    def of(
+        cls,
+        settings: Settings,
+        subset: Subset,
+        *,
+        start: StartKind = "maplet",
+        constraints: Sequence[str] | None = None,
+        purpose: Purpose = Purpose.LITHOS,
+    ) -> Self:
+        """Return the options of the settings, [lithos] above all.
+
+        Parameters
+        ----------
+        settings : Settings
+        subset : Subset
+        start : {"maplet", "shape"}
+        constraints : sequence of str, optional
+            Kinds; those of the settings if not given.
+        purpose : Purpose
+
+        Raises
+        ------
+        SettingsError
+            If a value is impossible, or there is no such photometric function.
+        """
+        table = find_table(settings, LithosSettings)
+        function = table.photometry or find_table(settings, RegisterSettings).photometry
+        asked = table.constraints if constraints is None else constraints
+        return cls(
+            subset,
+            start,
+            tuple(kind for kind in ConstraintKind if kind in asked),
+            table.shape_sigma_m or None,
+            table.max_images,
+            PhotoclinometryOptions(
+                photometric_function(function),
+                table.psf_px,
+                albedo_sigma=table.albedo_sigma,
+                convention=albedo_convention(table),
+                slope_sigma=table.slope_sigma,
+                rounds=table.rounds,
+            ),
+            tuple(settings.accept.codes),
+            purpose,
+        )
+
+    def __post_init__(self) -> None:
+        sigma = self.shape_sigma_m
+        if sigma is not None and not (math.isfinite(sigma) and sigma > 0.0):
+            raise SettingsError(f"must be positive, not {sigma:g} m", "--shape-sigma")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return them in JSON types."""
+        own = self.photoclinometry
+        return {
+            **self.subset.as_json(),
+            "start": self.start,
+            "constraints": [str(one) for one in self.constraints],
+            "shape_sigma_m": self.shape_sigma_m,
+            "max_images": self.max_images,
+            "photometry": own.function.text,
+            "psf_px": own.psf_px,
+            "albedo_sigma": own.albedo_sigma,
+            **convention_json(own.convention),
+            "slope_sigma": own.slope_sigma,
+            "rounds": own.rounds,
+        }
+
+
+def albedo_convention(table: LithosSettings) -> AlbedoConvention:
+    """Return how the settings normalise and bound albedo."""
+    return AlbedoConvention.published(float(table.albedo_mean), table.albedo_range or math.inf)
+
+
+def convention_json(convention: AlbedoConvention) -> dict[str, Any]:
+    """Return a convention in JSON types."""
+    bounded = math.isfinite(convention.range_sigmas)
+    return {
+        "albedo_mean": convention.mean,
+        "albedo_most": convention.most,
+        "albedo_range": convention.range_sigmas if bounded else None,
+    }

@@ -1,0 +1,109 @@
+"""A solution whose maplets come from images."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fusion.pipeline.items import ItemStore, item_folder, whole_version
+from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
+from fusion.runtime import Executor, Progress, json_text
+from fusion.runtime.remaining import Timed
+from fusion.stages.lithos.options import LithosOptions
+from fusion.stages.lithos.result import LithosResult, Summary, content_of
+from fusion.stages.lithos.sources import LithosSources
+from fusion.workspace import Workspace
+from spcola import atomic
+from spcola.formats.maplets import write_albedo_sigma, write_maplet
+
+# Raised whenever equal input gives other maplets.
+_VERSION = 3
+
+
+def lithos_solution(
+    workspace: Workspace,
+    name: str,
+    options: LithosOptions,
+    executor: Executor,
+    progress: Progress,
+    *,
+    job: str = "",
+) -> LithosResult:
+    """Make a solution whose maplets come from their images; that of the workspace stays as it is.
+
+    Each maplet depends on the parent solution alone, so that the result is the same in any order.
+    Finished ones are kept until a run over all maplets ends: an interrupted one goes on where it
+    was.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    name : str
+        Of the new solution; empty: ``lithos-1``, ``lithos-2``, …, or ``spcola-1``, …
+    options : LithosOptions
+    executor : Executor
+    progress : Progress
+    job : str, optional
+        What asks for it, as the solution's record has it: the same one again gets the solution
+        that it made before.
+
+    Raises
+    ------
+    WorkspaceError
+        If images, maplets, shape or registration are missing that are asked for, a solution of that
+        name is there, or something cannot be read or written.
+    InvalidValueError
+        If the subset names no maplet.
+    RejectedResultError
+        If the lidar is asked for, and its registration may not be used.
+    """
+    if (made := solutions_of(workspace).of_job(job)) is not None:
+        return _result(workspace, made.name, made.parent)
+    chosen = new_name(workspace, name, options.purpose.stem)
+    started = time.time()
+    # A solution with the lidar keeps its own: a run of the other command does not remove them.
+    place = item_folder(workspace.home, options.purpose.stem)
+    items = ItemStore(place, whole_version(_VERSION))
+    sources = LithosSources.of(workspace, items, options)
+    names = list(options.subset.chosen(sources.grids, sources.centers))
+    facts: dict[str, Any] = {"lithos": options.as_json(), **({"job": job} if job else {})}
+    made_by = MadeBy(options.purpose.value, {}, facts, sources.input_digests(names))
+    with making_solution(workspace, chosen, made_by) as folder:
+        found = dict(_solved(sources, names, folder, executor, progress))
+        content = content_of(found, options.as_json())
+        atomic.write_text(folder / workspace.photoclinometry_path.name, json_text(content))
+        facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
+    if not options.subset:
+        items.remove_unused(started)
+    return _result(workspace, chosen, workspace.solution)
+
+
+def _result(workspace: Workspace, name: str, parent: str) -> LithosResult:
+    """Return what a solution's file has."""
+    made = replace(workspace, solution=name)
+    return LithosResult(name, parent, made.home, made.read_json(made.photoclinometry_path.name))
+
+
+def _solved(
+    sources: LithosSources,
+    names: list[str],
+    folder: Path,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[tuple[str, Summary]]:
+    """Solve maplets, write those that are new, and yield their summaries."""
+    grids = [sources.grids[name] for name in names]
+    sizes = [float(grid.size**2 * (1 + len(sources.images.showing(grid)))) for grid in grids]
+    with progress.items("maplets from images", sizes, executor.workers) as task:
+        results = executor.stream(Timed(sources.solve), names)
+        for name, (found, spent) in zip(names, results, strict=True):
+            if not found.kept_start:
+                path = folder / "MAPFILES" / f"{name}.MAP"
+                write_maplet(path, found.maplet, sigma_companion=True)
+                # One of the parent's albedo would be linked.
+                write_albedo_sigma(path, found.point_albedo_sigma)
+            task.advance_one(spent)
+            yield name, Summary.of(found)

@@ -1,0 +1,253 @@
+"""What goes into one maplet: start, images, states of these, constraining heights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fusion.estimation.verdict import Verdict
+from fusion.pipeline.catalog import file_digest
+from fusion.pipeline.items import ItemStore
+from fusion.scene import Scene, maplets_around
+from fusion.stages.lithos.digests import ImageDigests
+from fusion.stages.lithos.options import ConstraintKind, LithosOptions
+from fusion.stages.register import ImageScene
+from fusion.workspace import Workspace
+from fusion.workspace.settings.processing import RegisterSettings
+from spcola.arrays import FloatArray
+from spcola.errors import RejectedResultError, WorkspaceError
+from spcola.grids import Maplet, MapletGrid, project_maplet
+from spcola.imagematching import ChoiceOptions
+from spcola.photometry.photoclinometry import (
+    HeightConstraint,
+    Photoclinometry,
+    PhotoclinometryOptions,
+    solve_photoclinometry,
+)
+from spcola.shape import RayCaster, shape_heights
+from spcola.shape.tiling import mesh_of_maplets
+
+# Points of a shape, and of a maplet, that share one error.
+_COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
+# Maplets that reach to within so many radii of the centre of another may hide and shade its ground;
+# their facets there have a side of so many of its GSDs.
+_AROUND, _AROUND_STEP = 3.0, 2.0
+# Sigma of the heights of a maplet that states none, grid steps.
+_MAPLET_SIGMA = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class LithosSources:
+    """Solves the maplets of a workspace one by one; each depends on the parent solution alone.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    images : ImageScene
+    grids : dict of str to MapletGrid
+        Of all maplets.
+    scene : Scene, optional
+        Registered mapolas; only where the lidar is asked for.
+    items : ItemStore
+    options : LithosOptions
+    digests : ImageDigests
+    """
+
+    workspace: Workspace
+    images: ImageScene
+    grids: dict[str, MapletGrid]
+    scene: Scene | None
+    items: ItemStore
+    options: LithosOptions
+    digests: ImageDigests
+
+    @classmethod
+    def of(cls, workspace: Workspace, items: ItemStore, options: LithosOptions) -> LithosSources:
+        """Read states and grids.
+
+        Raises
+        ------
+        WorkspaceError
+            If no image has both pixels and a state of known uncertainty, there are no maplets, the
+            shape is asked for and there is none, or the lidar and it is not registered.
+        RejectedResultError
+            If the lidar is asked for, and its registration may not be used.
+        """
+        grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
+        if not grids:
+            raise WorkspaceError("has no maplets", workspace.root, "make some: spcola spc tile")
+        images = ImageScene.of(workspace, list(grids.values()), RegisterSettings())
+        light = options.photoclinometry.function
+        images = replace(images, choice=ChoiceOptions(most=options.max_images, light=light))
+        if not images.images:
+            raise WorkspaceError(
+                "no image has both pixels and a state of known uncertainty",
+                workspace.root / "IMAGEFILES",
+                "bring images and states: spcola images",
+            )
+        shape = ConstraintKind.SHAPE in options.constraints or options.start == "shape"
+        if shape and images.beyond is None:
+            raise WorkspaceError(
+                "has no shape", workspace.root, "leave it out: --start maplet --constraint overlaps"
+            )
+        lidar = ConstraintKind.LIDAR in options.constraints
+        scene = registered_scene(workspace, options.accepted) if lidar else None
+        return cls(workspace, images, grids, scene, items, options, ImageDigests(workspace))
+
+    @property
+    def centers(self) -> dict[str, FloatArray]:
+        """Where each maplet lies, body-fixed, metres."""
+        return {name: grid.center for name, grid in self.grids.items()}
+
+    def input_digests(self, names: Iterable[str]) -> dict[str, str]:
+        """Return SHA-256 of what maplets are solved from, except the solution's own maplets.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Of maplets.
+
+        Returns
+        -------
+        dict
+            States and pixels of their images, the shape, the registration: digest by path.
+        """
+        shown = {image.name for name in names for image in self.images.showing(self.grids[name])}
+        found = self.digests.files(one for one in self.images.images if one.name in shown)
+        if self.scene is not None:
+            path = self.workspace.registration_path
+            found[path.name] = file_digest(path)
+        return found
+
+    def solve(self, name: str) -> Photoclinometry:
+        """Return the photoclinometry of a maplet; a kept one if nothing that goes into it changed.
+
+        Parameters
+        ----------
+        name : str
+        """
+        start = self._start(name)
+        images = self.images.showing(start.grid)
+        states = {image.name: self.images.states[image.name] for image in images}
+        found: Photoclinometry = self.items.result(
+            self.from_images,
+            start,
+            self._around(start),
+            {image.name: self.digests.of(image) for image in images},
+            self.digests.shape,
+            states,
+            self._constraints(start),
+            self.options.photoclinometry,
+        )
+        return found
+
+    def from_images(
+        self,
+        start: Maplet,
+        around: tuple[Maplet, ...],
+        images: Mapping[str, str],
+        shape: str,
+        states: Mapping[str, FloatArray],
+        constraints: tuple[HeightConstraint, ...],
+        options: PhotoclinometryOptions,
+    ) -> Photoclinometry:
+        """Return the photoclinometry of what is given; images and shape are those of the digests.
+
+        Parameters
+        ----------
+        start : Maplet
+        around : tuple of Maplet
+            Which hide and shade its ground.
+        images : mapping of str to str
+            Digests of state and pixels by the names of images.
+        shape : str
+            Digest of the shape.
+        states : mapping of str to (6, 6) ndarray
+        constraints : tuple of HeightConstraint
+        options : PhotoclinometryOptions
+        """
+        known = {image.name: image for image in self.images.images}
+        exposed = [self.images.exposed(known[name]) for name in images]
+        beyond = [] if self.images.beyond is None else [self.images.beyond]
+        if around:
+            beyond.append(RayCaster(mesh_of_maplets(around, _AROUND_STEP * start.grid.gsd)))
+        return solve_photoclinometry(
+            start, exposed, states, constraints=constraints, beyond=beyond, options=options
+        )
+
+    def _around(self, start: Maplet) -> tuple[Maplet, ...]:
+        """Return the maplets with heights that are near enough to hide and shade its ground.
+
+        A start from the shape uses the shape there too.
+        """
+        if self.options.start == "shape":
+            return ()
+        own = start.grid
+        near = (
+            self.workspace.maplet(name)
+            for name, grid in self.grids.items()
+            if name != start.name
+            and np.linalg.norm(grid.center - own.center) < grid.radius + _AROUND * own.radius
+        )
+        return tuple(maplet for maplet in near if maplet.valid.any())
+
+    def _start(self, name: str) -> Maplet:
+        maplet = self.workspace.maplet(name)
+        if self.options.start == "maplet":
+            return maplet
+        height = self._shape_heights(maplet.grid)
+        unknown = np.full(height.shape, np.nan)
+        return replace(maplet, height=height, albedo=np.ones(height.shape), sigma=unknown)
+
+    def _shape_heights(self, grid: MapletGrid) -> FloatArray:
+        assert self.images.beyond is not None
+        return shape_heights(self.images.beyond, grid, reach=grid.radius)
+
+    def _constraints(self, start: Maplet) -> tuple[HeightConstraint, ...]:
+        """Return the constraining heights, in the order of their kinds."""
+        kinds, grid = self.options.constraints, start.grid
+        found = list[HeightConstraint]()
+        if ConstraintKind.SHAPE in kinds:
+            sigma = self.options.shape_sigma_m or grid.gsd
+            heights = self._shape_heights(grid)
+            found.append(HeightConstraint.of_sigma("shape", heights, sigma, common=_COMMON_SHAPE))
+        if ConstraintKind.OVERLAPS in kinds:
+            found += [
+                _overlap(other, grid)
+                for other in maplets_around(self.workspace, self.grids, grid)
+                if other.name != start.name
+            ]
+        if self.scene is not None:
+            lidar = self.scene.lidar(start.name, grid)
+            found.append(HeightConstraint.of_sigma("lidar", lidar.height, lidar.sigma))
+        return tuple(found)
+
+
+def registered_scene(workspace: Workspace, accepted: tuple[str, ...]) -> Scene:
+    """Return the registered mapolas; refused as the fusion refuses them.
+
+    Raises
+    ------
+    WorkspaceError
+        If they are not registered.
+    RejectedResultError
+        If the registration may not be used; `accepted` are codes of findings that may.
+    """
+    path = workspace.registration_path
+    if not path.is_file():
+        raise WorkspaceError(
+            "has no registered lidar", workspace.root, f"run: spcola register {workspace.root}"
+        )
+    verdict = Verdict.from_json(workspace.read_json(path.name))
+    if obstacle := verdict.obstacle(accepted):
+        raise RejectedResultError(f"the registration is {obstacle}", path)
+    return Scene.of(workspace, light="none")
+
+
+def _overlap(other: Maplet, grid: MapletGrid) -> HeightConstraint:
+    """Return the heights of an overlapping maplet on a grid [24 – 27]."""
+    there = project_maplet(other, grid)
+    sigma = np.where(np.isfinite(there.sigma), there.sigma, _MAPLET_SIGMA * other.grid.gsd)
+    return HeightConstraint.of_sigma(other.name, there.height, sigma, common=_COMMON_MAPLET)
