@@ -1,7 +1,7 @@
 from .errors import JobFailedError as JobFailedError
 from .errors import UnreachableError as UnreachableError
 from .errors import VersionWarning as VersionWarning
-from .progress import job_bar as job_bar
+from .layers import Window as Window
 from .sessions import AsyncSession as AsyncSession
 from .sessions import Session as Session
 from .sessions import connect as connect

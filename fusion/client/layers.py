@@ -1,4 +1,4 @@
-"""Layers of a surface with their coordinates, units and frame."""
+"""Windows of a surface, and layers on them with their coordinates, units and frame."""
 
 from __future__ import annotations
 
@@ -9,10 +9,68 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.errors import SettingsError
+from spcola.errors import InvalidValueError, SettingsError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+@dataclass(frozen=True)
+class Window:
+    """Part of a surface, at an overview level; by default all of it at full resolution.
+
+    Parameters
+    ----------
+    level : int
+        Grid points on a cell's side: 1, 2, 4, …
+    rows, columns : (int, int), optional
+        First cell of the level, and one beyond the last; by default all.
+
+    Examples
+    --------
+    >>> Window(level=4, rows=(0, 256))
+    Window(level=4, rows=(0, 256), columns=None)
+    """
+
+    level: int = 1
+    rows: tuple[int, int] | None = None
+    columns: tuple[int, int] | None = None
+
+    def on(self, about: Mapping[str, Any]) -> WholeWindow:
+        """Return the window on the surface that is described by `about`.
+
+        Raises
+        ------
+        InvalidValueError
+            If the surface has no such level, or rows or columns are not inside of it.
+        """
+        cells = {each["level"]: each["cells"] for each in about["levels"]}
+        if self.level not in cells:
+            there = ", ".join(map(str, cells))
+            what = f"has no level {self.level}"
+            raise InvalidValueError(what, about["name"], f"there are: {there}")
+        most = cells[self.level]
+        found = WholeWindow(self.level, self.rows or (0, most), self.columns or (0, most))
+        for what, (low, high) in (("rows", found.rows), ("columns", found.columns)):
+            if not 0 <= low < high <= most:
+                raise InvalidValueError(
+                    f"{what} {low} to {high} are not inside 0 to {most} of level {self.level}",
+                    about["name"],
+                )
+        return found
+
+
+ALL = Window()
+"""All of a surface at full resolution."""
+
+
+@dataclass(frozen=True)
+class WholeWindow:
+    """A window of which rows and columns are known."""
+
+    level: int
+    rows: tuple[int, int]
+    columns: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +101,12 @@ class SurfaceLayers:
 
     @classmethod
     def of(
-        cls,
-        about: Mapping[str, Any],
-        level: int,
-        spans: tuple[tuple[int, int], tuple[int, int]],
-        values: Mapping[str, FloatArray],
+        cls, about: Mapping[str, Any], window: WholeWindow, values: Mapping[str, FloatArray]
     ) -> Self:
         """Return the layers `values` of a window of a surface that is described by `about`."""
-        rows, columns = (_middles(span, level, about["size"]) for span in spans)
-        half, gsd = (about["size"] - 1) // 2, about["gsd_m"]
+        level, size = window.level, about["size"]
+        rows, columns = (_middles(span, level, size) for span in (window.rows, window.columns))
+        half, gsd = (size - 1) // 2, about["gsd_m"]
         known = {layer["name"]: layer for layer in about["layers"]}
         names = ("kind", "name", "center_m", "axes", "gsd_m")
         place = ("longitude_deg", "latitude_deg", "radius_m")

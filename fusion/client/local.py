@@ -17,7 +17,7 @@ from fusion.inspection import describe_solution
 from fusion.runtime import json_value
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.folder import ServedFolder
-from fusion.service.state import outputs_folder
+from fusion.service.state import outputs_folder, visible_file
 from fusion.service.views import ListKind, coverage, list_page, overview
 from fusion.service.views.body import mesh_bytes, shape_layers, shape_mesh, vertex_layer
 from fusion.service.views.history import (
@@ -30,6 +30,7 @@ from fusion.service.views.history import (
     solutions_compared,
 )
 from fusion.service.views.outlines import outlines, same_place
+from fusion.service.views.photoclinometry import solved_index, solved_maplet
 from fusion.service.views.results import epsilon_table, residuals, result_json
 from fusion.service.views.surfaces import (
     LayerCache,
@@ -41,7 +42,7 @@ from fusion.service.views.surfaces import (
     value_at,
 )
 from fusion.service.views.tables import TableFormat, read_table, table_names
-from fusion.service.work.places import output_files
+from fusion.service.work.places import output_files, remove_output
 from fusion.workspace import Workspace
 
 _PAGE = 1000
@@ -92,6 +93,16 @@ class Local(LocalJobs):
         """Return up to `count` bytes of a file from `begin` on; all of it anew if it changed."""
         return (yield Compute(lambda: self._part(workspace, path, begin, count, tag)))
 
+    def remove_output(self, workspace: str, name: str) -> Steps[None]:
+        """Remove what a job wrote for its user."""
+
+        def remove() -> None:
+            self.folder.folder(workspace)
+            if not remove_output(self.folder.root, workspace, name):
+                raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such output", name)
+
+        yield Compute(remove)
+
     @contextmanager
     def _reading(
         self, workspace: str, given: Mapping[str, Any]
@@ -107,14 +118,11 @@ class Local(LocalJobs):
 
     def _part(self, workspace: str, path: str, begin: int, count: int, tag: str) -> FilePart:
         area, _, path = path.partition("/")
-        root = self.folder.folder(workspace).resolve()
+        root = self.folder.folder(workspace)
         if area == "outputs":
             root = outputs_folder(self.folder.root, workspace)
-        found = (root / path).resolve()
-        hidden = not found.is_relative_to(root) or any(
-            part.startswith(".") for part in found.relative_to(root).parts
-        )
-        if hidden or not found.is_file():
+        found = visible_file(root, path)
+        if found is None or not found.is_file():
             raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such file", path)
         with found.open("rb") as file:
             status = found.stat()
@@ -202,6 +210,8 @@ _VIEWS: Mapping[View, Callable[..., Any]] = {
     View.TABLES: lambda _, opened: {"tables": table_names(opened)},
     View.RESIDUALS: lambda _, opened: residuals(opened),
     View.EPSILON: lambda _, opened: epsilon_table(opened),
+    View.SOLVED: lambda _, opened: solved_index(opened),
+    View.SOLVED_MAPLET: lambda _, opened, maplet: solved_maplet(opened, maplet),
     View.SOLUTIONS: lambda _, opened: solution_tree(opened),
     View.SOLUTION: lambda _, opened, name: describe_solution(Workspace.open(opened.root, name)),
     View.SOLUTIONS_COMPARED: lambda _, opened, first, second: solutions_compared(

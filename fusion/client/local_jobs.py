@@ -17,6 +17,7 @@ from fusion.service.jobs import Event, Job, JobRequest, JobState
 from fusion.service.state import STATE_FOLDER, STORE_NAME
 from fusion.service.store import Store, StoreError, StoreFault, Upload
 from fusion.service.store.records import UploadState
+from fusion.service.work.imported import imported_uploads
 
 if TYPE_CHECKING:
     from fusion.service.work import Supervisor
@@ -97,6 +98,20 @@ class LocalJobs:
             return _upload_json(self._opened().uploads.end(upload, UploadState.COMPLETE))
 
         return (yield Compute(complete))
+
+    def remove_imported(self, workspace: str) -> Steps[dict[str, int]]:
+        """Remove the uploads that finished jobs have brought into the workspace."""
+
+        def remove() -> dict[str, int]:
+            self.folder.place(workspace)
+            store = self._opened()
+            found = imported_uploads(store, workspace)
+            for upload in found:
+                store.uploads.end(upload.id, UploadState.REMOVED)
+                self._file(upload).remove()
+            return {"removed": len(found), "bytes": sum(one.size for one in found)}
+
+        return (yield Compute(remove))
 
     def submit(self, request: JobRequest) -> Steps[Job]:
         """Submit a job, and see that a worker does it."""

@@ -23,6 +23,8 @@ class View(StrEnum):
     TABLE = "/tables/{name}"
     RESIDUALS = "/registration/residuals"
     EPSILON = "/scale/epsilon"
+    SOLVED = "/photoclinometry"
+    SOLVED_MAPLET = "/photoclinometry/{maplet}"
     SOLUTIONS = "/solutions"
     SOLUTION = "/solutions/{name}"
     SOLUTIONS_COMPARED = "/solutions/{first}/diff/{second}"
@@ -78,6 +80,10 @@ class Place(Protocol):
         """
         ...
 
+    def remove_output(self, workspace: str, name: str) -> Steps[None]:
+        """Remove what a job wrote for its user: a file, or a folder with all that is in it."""
+        ...
+
     def uploads(self, workspace: str) -> Steps[list[dict[str, Any]]]:
         """Return the uploads that are open or wait for their import."""
         ...
@@ -96,6 +102,10 @@ class Place(Protocol):
 
     def complete_upload(self, workspace: str, upload: str) -> Steps[dict[str, Any]]:
         """Check the checksum of an upload, and keep it for a job."""
+        ...
+
+    def remove_imported(self, workspace: str) -> Steps[dict[str, int]]:
+        """Remove the uploads that finished jobs have brought into the workspace."""
         ...
 
     def submit(self, request: JobRequest) -> Steps[Job]:
@@ -121,3 +131,13 @@ class Place(Protocol):
     def events(self, job: str, workspace: str, after: int | None) -> Emitting[Event]:
         """Emit events as they happen."""
         ...
+
+
+class Viewing:
+    """Base of calls that read views of a place."""
+
+    place: Place
+
+    def _view(self, view: View, workspace: str, **given: Any) -> Steps[dict[str, Any]]:
+        given["solution"] = given.get("solution") or None
+        return (yield from self.place.view(view, workspace, given))

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 
 from fusion.runtime import Progress
 from fusion.runtime.progress import Task
-from fusion.service.jobs import Job
+from fusion.service.jobs import Job, JobState
 
 _MEGABYTE = 1e6
 
@@ -21,13 +21,18 @@ def job_bar(*, shown: bool = True) -> Iterator[Callable[[Job], None]]:
     shown : bool
         Otherwise nothing is.
     """
-    progress, task, begun = Progress.fitting(silent=not shown), None, ("", "")
+    progress, begun = Progress.fitting(silent=not shown), ("", "")
+    task: Task | None = None
     with ExitStack() as open_task:
 
         def show(job: Job) -> None:
             nonlocal task, begun
             now = job.progress
-            if (now.stage, now.task) != begun:
+            over = (now.stage, now.task) != begun
+            if task is not None and (over or job.state is JobState.FINISHED):
+                # What ended between two looks.
+                task.done = task.total or task.done
+            if over:
                 open_task.close()
                 begun, task = (now.stage, now.task), None
                 if now.task:
@@ -35,7 +40,7 @@ def job_bar(*, shown: bool = True) -> Iterator[Callable[[Job], None]]:
                     task = open_task.enter_context(progress.task(title, now.total or None))
             if task is not None:
                 task.stated_s = now.remaining_s
-                task.advance(now.done - task.done)
+                task.advance(max(now.done, task.done) - task.done)
 
         yield show
 

@@ -79,6 +79,11 @@ class Remote:
         span, _, size = answer.headers["content-range"].removeprefix("bytes ").partition("/")
         return FilePart(answer.body, int(span.partition("-")[0]), int(size), tag)
 
+    def remove_output(self, workspace: str, name: str) -> Steps[None]:
+        """Remove what a job wrote for its user."""
+        place = f"{_workspace(workspace)}/outputs/{quote(name, safe='')}"
+        yield from self.asking.ask(Request("DELETE", place))
+
     def uploads(self, workspace: str) -> Steps[list[dict[str, Any]]]:
         """Return the uploads that are open or wait for their import."""
         content = yield from self._all(Request("GET", _uploads(workspace), {"limit": _PAGE}))
@@ -104,6 +109,10 @@ class Remote:
         """Check the checksum of an upload, and keep it for a job."""
         place = _uploads(workspace, f"{upload}/complete")
         return (yield from self.asking.json(Request("POST", place), repeat=True))
+
+    def remove_imported(self, workspace: str) -> Steps[dict[str, int]]:
+        """Remove the uploads that finished jobs have brought into the workspace."""
+        return (yield from self.asking.json(Request("DELETE", _uploads(workspace)), repeat=True))
 
     def submit(self, request: JobRequest) -> Steps[Job]:
         """Submit a job; the same key again gives the same job."""

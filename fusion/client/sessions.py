@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from fusion.client.files import Moving
+from fusion.client.drawing import Drawing
+from fusion.client.fetching import Fetching
 from fusion.client.here import HereDoing, HereDoingAsync
 from fusion.client.place import Place
 from fusion.client.reading import Reading
+from fusion.client.sending import Sending
 from fusion.client.steps import Awaiting, Blocking, run, run_async
+from fusion.client.surfaces import Surfaces
 from fusion.client.working import Working
 from spcola.errors import InvalidValueError, WorkspaceError
 
@@ -110,11 +112,8 @@ async def connect_async(
     return session
 
 
-class Session(Reading, Working, Moving, Blocking):
-    """The calls on a server or a local folder; each blocks until its result is there.
-
-    :func:`connect` makes one. It is a context: jobs that a local folder's session has submitted
-    go on as long as it is open.
+class _Calls(Reading, Surfaces, Drawing, Working, Sending, Fetching):
+    """All calls on a server or a local folder.
 
     Parameters
     ----------
@@ -130,6 +129,14 @@ class Session(Reading, Working, Moving, Blocking):
         self.place = place
         self.doing = doing
         self._close = close
+
+
+class Session(_Calls, Blocking):
+    """The calls on a server or a local folder; each blocks until its result is there.
+
+    :func:`connect` makes one. It is a context: jobs that a local folder's session has submitted
+    go on as long as it is open.
+    """
 
     def close(self) -> None:
         """Close connections; of a local folder the worker finishes its current items."""
@@ -138,34 +145,15 @@ class Session(Reading, Working, Moving, Blocking):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
-class AsyncSession(Reading, Working, Moving, Awaiting):
+class AsyncSession(_Calls, Awaiting):
     """The calls on a server or a local folder, to be awaited: ``await session.overview("bennu")``.
 
     :func:`connect_async` makes one; ``async for event in session.events(job)`` iterates.
-
-    Parameters
-    ----------
-    place : Place
-        The server or the folder.
-    doing : callable
-        Returns what does the steps of one call.
-    close : callable
-        Closes the connections.
     """
-
-    def __init__(self, place: Place, doing: Any, close: Any) -> None:
-        self.place = place
-        self.doing = doing
-        self._close = close
 
     async def close(self) -> None:
         """Close connections; of a local folder the worker finishes its current items."""
@@ -174,12 +162,7 @@ class AsyncSession(Reading, Working, Moving, Awaiting):
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
 

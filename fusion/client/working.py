@@ -72,7 +72,7 @@ class Working:
         after: Sequence[Job | str] = (),
         key: str = "",
     ) -> Steps[Job]:
-        """Submit a job of any kind: ``run``, ``forecast``, ``import``, ``images`` or ``init``."""
+        """Submit a job of any kind: ``run``, ``import``, ``look``, …, with its parameters."""
         request = _request(workspace, JobKind(kind), parameters, priority, after, key)
         return (yield from self.place.submit(request))
 
@@ -97,18 +97,15 @@ class Working:
             `settings` and `solution`, as of a run.
         """
         given = {"stages": list(stages), **parameters}
-        job = yield from self.place.submit(_request(workspace, JobKind.FORECAST, given, _SOON))
-        with job_bar(shown=progress) as show:
-            ended = yield from self._ended(job, show, None)
-        return dict(_checked(ended).result["forecast"])
+        result = yield from self._result(workspace, JobKind.FORECAST, given, shown=progress)
+        return dict(result["forecast"])
 
     @call
     def use_solution(self, workspace: str, name: str) -> Steps[str]:
         """Let all commands read a solution from now on where none is named; return its name."""
-        request = _request(workspace, JobKind.SOLUTION_USE, {"name": name}, _SOON)
-        job = yield from self.place.submit(request)
-        ended = yield from self._ended(job, lambda _: None, None)
-        return str(_checked(ended).result["in_use"])
+        given = {"name": name}
+        result = yield from self._result(workspace, JobKind.SOLUTION_USE, given, shown=False)
+        return str(result["in_use"])
 
     @call
     def job(self, job: Job | str) -> Steps[Job]:
@@ -184,6 +181,15 @@ class Working:
         # In between stands the end of the job: nothing more will come.
         source = self.place.events(identity, workspace, after)
         yield from _until_ended(source) if identity else source
+
+    def _result(
+        self, workspace: str, kind: JobKind, given: Mapping[str, Any], *, shown: bool
+    ) -> Steps[dict[str, Any]]:
+        """Return the result of a job that begins before others of the user."""
+        job = yield from self.place.submit(_request(workspace, kind, given, _SOON))
+        with job_bar(shown=shown) as show:
+            ended = yield from self._ended(job, show, None)
+        return dict(_checked(ended).result)
 
     def _ended(
         self, job: Job | str, show: Callable[[Job], None], timeout_s: float | None

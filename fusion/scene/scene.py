@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fusion.fusing import (
+    Constraints,
     FuseInput,
     FuseOptions,
     FuseResult,
@@ -126,7 +127,7 @@ class Scene:
             name=name,
             grid=spc.grid,
             spc=_where_lit(spc, light),
-            lidar=lidar_constraints(spc.grid, self._candidates(near)),
+            lidar=self.lidar(name, spc.grid),
             prior=self._shape(spc),
             common_covariance=common,
             light=light,
@@ -136,7 +137,7 @@ class Scene:
         """Lidar and SPC heights of the maplet `name`, aligned; None without a common point."""
         spc = self._spc(name)
         light = self._light(spc)
-        lidar = lidar_constraints(spc.grid, self._candidates(self.near(name, spc.grid)))
+        lidar = self.lidar(name, spc.grid)
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
         known, shape = _where_lit(spc, light), self._shape(spc)
@@ -211,6 +212,10 @@ class Scene:
             sigma=there.sigma,
             center_sigma=np.zeros(3),
         )
+
+    def lidar(self, name: str, grid: MapletGrid) -> Constraints:
+        """Return the heights of registered mapolas on a grid, that of the place `name` first."""
+        return lidar_constraints(grid, self._candidates(self.near(name, grid)))
 
     def near(self, name: str, grid: MapletGrid) -> list[str]:
         """Mapolas over `grid`: that of the place `name` first, then the nearest."""

@@ -19,7 +19,7 @@ from spcola.errors import (
     WorkspaceError,
 )
 
-__all__ = ["FAULTS", "INTERNAL", "Fault", "error_class", "fault_of"]
+__all__ = ["FAULTS", "INTERNAL", "Fault", "error_class", "fault_codes", "fault_of"]
 
 
 class Fault(NamedTuple):
@@ -48,6 +48,11 @@ FAULTS: Mapping[type[Exception], Fault] = {
 def fault_of(error: Exception) -> Fault:
     """Return the fault of the nearest class among an error's bases; `INTERNAL` if none is."""
     return next((FAULTS[kind] for kind in type(error).__mro__ if kind in FAULTS), INTERNAL)
+
+
+def fault_codes() -> set[str]:
+    """Return all codes."""
+    return {INTERNAL.code, *(fault.code for fault in FAULTS.values())}
 
 
 def error_class(code: str) -> type[SpcolaError] | None:

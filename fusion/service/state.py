@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from fusion.workspace import SETTINGS_FILE
 
@@ -11,9 +11,11 @@ __all__ = [
     "STATE_FOLDER",
     "STORE_NAME",
     "WORKSPACE_NAME",
+    "cache_folder",
     "logs_folder",
     "outputs_folder",
     "uploads_folder",
+    "visible_file",
     "workspace_place",
 ]
 
@@ -42,9 +44,31 @@ def uploads_folder(folder: Path) -> Path:
     return folder / STATE_FOLDER / "uploads"
 
 
+def cache_folder(folder: Path) -> Path:
+    """Return where views are kept that took long to make; they can be removed at any time."""
+    return folder / STATE_FOLDER / "cache"
+
+
 def outputs_folder(folder: Path, workspace: str) -> Path:
     """Return where jobs in a workspace write what is not a part of it."""
     return folder / STATE_FOLDER / "outputs" / workspace
+
+
+def visible_file(root: Path, name: str) -> Path | None:
+    """Return the path of what lies below a folder, resolved.
+
+    None if there is nothing of this name, it or a folder in it begins with a dot, or a link leads
+    out of the folder.
+    """
+    parts = PurePosixPath(name).parts
+    if not parts or any(part.startswith((".", "/")) or "\0" in part for part in parts):
+        return None
+    try:
+        path = root.joinpath(*parts).resolve(strict=True)
+        inside = path.relative_to(root.resolve()).parts
+    except (OSError, RuntimeError, ValueError):
+        return None
+    return None if any(part.startswith(".") for part in inside) else path
 
 
 def logs_folder(folder: Path) -> Path:

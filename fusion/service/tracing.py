@@ -84,8 +84,16 @@ def begin_span(
     return _tracer[0].start_span(name, context=context, attributes=attributes, start_time=start)
 
 
-def end_span(span: Span, **attributes: Any) -> None:
-    """End a span, if there is one; with an attribute ``error`` it counts as failed."""
+def end_span(span: Span, *, ended_s: float | None = None, **attributes: Any) -> None:
+    """End a span, if there is one; with an attribute ``error`` it counts as failed.
+
+    Parameters
+    ----------
+    span : Span
+    ended_s : float, optional
+        When it ended, seconds since 1970; by default now.
+    **attributes
+    """
     if span is None:
         return
     from opentelemetry.trace import StatusCode  # noqa: PLC0415
@@ -93,7 +101,7 @@ def end_span(span: Span, **attributes: Any) -> None:
     span.set_attributes({f"spcola.{name}": value for name, value in attributes.items()})
     if "error" in attributes:
         span.set_status(StatusCode.ERROR, str(attributes["error"]))
-    span.end()
+    span.end(None if ended_s is None else int(ended_s * 1e9))
 
 
 def _provider(collector: str, name: str) -> Any:

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Literal
 
+from fusion.runtime.folders import make_folder
 from fusion.workspace.settings.inputs import BodySettings
 from fusion.workspace.settings.settings import Settings
 from fusion.workspace.solution_records.record import SOLUTION_FILE, read_record
@@ -68,13 +69,15 @@ def new_workspace(
     if shape is not None:
         read_shape(shape, unit=shape_unit, faces_from=faces_from)
     linked = [] if spc is None or _same(spc, root) else spc_files(spc)
-    workspace = Workspace.create(root, settings)
     for source, place in linked:
+        make_folder((root / place).parent)
         _link(source, root / place)
     if shape is not None and not _same(shape.parent, root / "SHAPEFILES"):
+        make_folder(root / "SHAPEFILES")
         with replacing(root / "SHAPEFILES" / shape.name) as temporary:
             shutil.copyfile(shape, temporary)
-    return workspace
+    # The settings last: a folder that has them has all that was given.
+    return Workspace.create(root, settings)
 
 
 def spc_files(folder: Path) -> list[tuple[Path, str]]:
@@ -116,7 +119,9 @@ def _exported(folder: Path | None) -> Settings:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Link `target` to `source`, or copy if links cannot be made; an existing file is refused."""
+    """Link `target` to `source`, or copy if links cannot be made; another file is refused."""
+    if target.is_symlink() and target.readlink() == source.resolve():
+        return
     if target.exists() or target.is_symlink():
         raise WorkspaceError("exists already", target, "choose another folder for the workspace")
     try:

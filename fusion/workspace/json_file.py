@@ -8,6 +8,7 @@ from typing import Any
 
 from spcola.errors import WorkspaceError
 
+__all__ = ["read_object"]
 _AGAIN = "remove it and run again"
 
 

@@ -338,6 +338,11 @@ class Workspace:
         return self.home / "registration.json"
 
     @property
+    def photoclinometry_path(self) -> Path:
+        """How maplets and images of a solution from images fit."""
+        return self.home / "photoclinometry.json"
+
+    @property
     def scale_path(self) -> Path:
         """Where the scale lies."""
         return self.home / "scale.json"

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
 from fusion.registration.transform import PARAMETERS, Model
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
+from spcola.math.statistics import chi_square_tail
 
 # Rows that take a matrix to xx − mean, yy − mean, xy, xz, yz of its symmetric part.
 _STRAIN_ROWS = np.zeros((5, 9))
@@ -59,7 +59,7 @@ class Departure:
         return {
             "chi2": statistic,
             "degrees_of_freedom": len(self.estimate),
-            "p_value": float(stats.chi2.sf(statistic, len(self.estimate))),
+            "p_value": chi_square_tail(statistic, len(self.estimate)),
             "reason": self.reason,
         }
 

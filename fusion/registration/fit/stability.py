@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
@@ -15,6 +14,7 @@ from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import lattice
 from spcola.math.robust import mad
+from spcola.math.statistics import chi_square_tail
 
 REGIONS = 20
 """Number of regions of about equal area into which the body is divided."""
@@ -136,7 +136,7 @@ def _influence(
         change=origin @ change,
         sigma=np.sqrt(np.maximum(np.diag(spread), 0.0)),
         chi2=chi2,
-        p_value=float(stats.chi2.sf(chi2, np.count_nonzero(changed))),
+        p_value=chi_square_tail(chi2, int(np.count_nonzero(changed))),
     )
 
 

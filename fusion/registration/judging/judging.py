@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy import special
 
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.judging.common_ground import CommonRelief
@@ -174,7 +174,7 @@ def _observation_types(content: Mapping[str, Any]) -> Iterator[Finding]:
         [entry.get("types_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
     )
     known = known[np.isfinite(known)]
-    ratio = float(np.sqrt(np.median(known) / chi2.median(3))) if len(known) else 0.0
+    ratio = float(np.sqrt(np.median(known) / special.chdtri(3, 0.5))) if len(known) else 0.0
     text = (
         f"images and heights give different positions of the mapolas, by {ratio:.1f} times their "
         "sigmas"

@@ -6,6 +6,8 @@ A key within another one is written ``outer.inner``, also where `outer` is a lis
 from __future__ import annotations
 
 from collections.abc import Mapping
+
+__all__ = ["REGISTRATION_KEYS"]
 from typing import Any
 
 REGISTRATION_KEYS: Mapping[str, str] = {

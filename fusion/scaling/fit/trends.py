@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from fusion.estimation import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
 from fusion.scaling.fit.groups import ErrorGroups
 from fusion.scaling.fit.observation import ScaleObservations
 from spcola.arrays import BoolArray, FloatArray
+from spcola.math.statistics import chi_square_tail
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def days_differ(
     shift = np.array([expected_m / float(np.mean(gain[(days == d) & fit.used])) for d in known])
     weight = np.linalg.inv(own.covariance + np.diag(shift**2))
     off = own.estimate - weight.sum(axis=0) @ own.estimate / weight.sum()
-    return float(stats.chi2.sf(off @ weight @ off, len(known) - 1))
+    return chi_square_tail(float(off @ weight @ off), len(known) - 1)
 
 
 def _fit_epsilon(
@@ -187,5 +187,5 @@ def _once_around(
         amplitude,
         float(np.sqrt(toward @ spread @ toward)),
         float(np.arctan2(part[1], part[0])),
-        float(stats.chi2.sf(chi_square, 2)),
+        chi_square_tail(chi_square, 2),
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from spcola.arrays import FloatArray
 
@@ -58,7 +58,7 @@ def consistency(
         "difference": product,
         "difference_sigma": sigma,
         "z": z,
-        "p_value": float(2.0 * stats.norm.sf(abs(z))),
+        "p_value": float(2.0 * special.ndtr(-abs(z))),
         "covariance": None
         if covariance is None
         else [[own**2, covariance], [covariance, other**2]],

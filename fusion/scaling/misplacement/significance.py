@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy import special
 from scipy.fft import dct, idct
 
 from fusion.scaling.misplacement.fit import PlaceFit, clipped
@@ -60,7 +60,7 @@ def chance_of_larger(here: FloatArray, there: FloatArray) -> float:
     rest = one - share * less
     count = independent(rest, less)
     error = float(np.sqrt((rest @ rest) / size / (count - 2.0)))
-    return float(stats.t.sf((share - 0.5) / max(error, 1e-12), count - 2.0))
+    return float(special.stdtr(count - 2.0, -(share - 0.5) / max(error, 1e-12)))
 
 
 def independent(one: FloatArray, other: FloatArray) -> float:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+__all__ = ["SCALE_KEYS"]
+
 SCALE_KEYS: Mapping[str, str] = {
     "method": "`pairs` of bigmaps or single `shots`",
     "trajectory": "by whose spacecraft positions the returns were located: `spc` or `reference`. "

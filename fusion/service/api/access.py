@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,10 +11,12 @@ from typing import Any, TypeVar
 
 from fastapi import Depends, FastAPI
 from fastapi.routing import APIRoute
+from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.schemas import Media, responses_of
 from fusion.service.store import Scope, Token, UnknownJobError
 from fusion.service.store.records import ALL_WORKSPACES
 
@@ -130,16 +133,24 @@ class Routes:
         self._added: list[tuple[str, Callable[..., Any], dict[str, Any]]] = []
 
     def add(
-        self, method: str, path: str, rule: Rule, **options: Any
+        self,
+        method: str,
+        path: str,
+        rule: Rule,
+        answer: type[BaseModel] | Media | None = None,
+        **options: Any,
     ) -> Callable[[Endpoint], Endpoint]:
-        """Return a decorator that adds a route; `options` are those of FastAPI."""
+        """Return a decorator that adds a route with its answer; `options` are those of FastAPI."""
 
         def added(endpoint: Endpoint) -> Endpoint:
+            status = options.get("status_code", 200)
+            pages = "limit" in inspect.signature(endpoint).parameters
+            tagged = options.pop("tagged", method == "GET")
             given = {
                 "methods": [method],
                 "dependencies": [Depends(rule)],
                 "tags": [self.tag],
-                "response_model": None,
+                **responses_of(answer, status, pages=pages, tagged=tagged),
                 "openapi_extra": {
                     "x-spcola-rule": {"reach": rule.reach, "scope": rule.scope},
                     **options.pop("extra", {}),

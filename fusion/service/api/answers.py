@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from starlette.requests import Request
@@ -64,6 +64,15 @@ def tagged(
         body = gzip.compress(body, _LEVEL, mtime=0)
         shared["Content-Encoding"] = "gzip"
     return Response(body, media_type=media_type, headers=shared)
+
+
+def by_tag(request: Request, etag: str, media_type: str, read: Callable[[], bytes]) -> Response:
+    """Return bytes that an ETag stands for; they are not read if the asker has them already."""
+    tag = f'"{etag}"'
+    headers = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
+    if matches(request.headers.get("if-none-match", ""), tag):
+        return Response(status_code=304, headers=headers)
+    return Response(read(), media_type=media_type, headers=headers)
 
 
 def _takes_gzip(request: Request) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 from fastapi import FastAPI
 
@@ -13,7 +14,18 @@ from fusion.service.api.guard import Entrance, Guard
 from fusion.service.api.problems import add_problem_handlers
 from fusion.service.api.records import Recorded
 from fusion.service.api.routes import ROUTES
+from fusion.service.api.schemas import completed
 from fusion.service.api.service import Service
+
+
+class _Described(FastAPI):
+    """An application whose description has problem documents and examples of answers."""
+
+    def openapi(self) -> dict[str, Any]:
+        """Return the description in OpenAPI."""
+        if self.openapi_schema is None:
+            self.openapi_schema = completed(super().openapi())
+        return self.openapi_schema
 
 
 def create_app(service: Service, entrance: Entrance | None = None) -> FastAPI:
@@ -36,7 +48,7 @@ def create_app(service: Service, entrance: Entrance | None = None) -> FastAPI:
         async with service.feed.running():
             yield
 
-    app = FastAPI(
+    app = _Described(
         title="SPCOLA",
         version=spcola.__version__,
         description="Laser altimetry and stereophotoclinometry of small bodies: workspaces, jobs, "

@@ -25,13 +25,13 @@ class EventFeed:
     queue : JobQueue
     every_s : float
         How often it looks, s, whatever the number of streams.
-    noticed : callable
-        Takes each event that happens after the start.
+    listeners : list of callable
+        Each takes every event that happens after the start.
     """
 
     queue: JobQueue
     every_s: float = 0.25
-    noticed: Callable[[Event], None] = lambda _: None
+    listeners: list[Callable[[Event], None]] = field(default_factory=list)
     last: int = 0
     _news: asyncio.Condition = field(default_factory=asyncio.Condition)
     _closed: bool = False
@@ -61,7 +61,8 @@ class EventFeed:
             with suppress(Exception):
                 fresh = await run_in_threadpool(self.queue.events, self.last, limit=_PAGE)
                 for event in fresh if self._caught_up else ():
-                    self.noticed(event)
+                    for listener in self.listeners:
+                        listener(event)
                 self._caught_up = self._caught_up or len(fresh) < _PAGE
                 if fresh:
                     async with self._news:

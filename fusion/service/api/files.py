@@ -15,6 +15,7 @@ from starlette.responses import Response, StreamingResponse
 
 from fusion.service.api.answers import matches
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.state import visible_file
 
 _BLOCK = 1 << 18
 # A report may show itself, but runs nothing and asks nobody: it is not the service's page.
@@ -78,17 +79,13 @@ def byte_range(header: str, size: int) -> tuple[int, int] | None:
 
 def _opened(root: Path, name: str) -> BinaryIO:
     """Open a file below `root` that no hidden name and no link out of it leads to."""
-    parts = PurePosixPath(name).parts
     missing = RequestRefusedError(Refusal.NOT_FOUND, "there is no such file", name)
-    if not parts or any(part.startswith((".", "/")) or "\0" in part for part in parts):
+    path = visible_file(root, name)
+    if path is None:
         raise missing
     try:
-        path = root.joinpath(*parts).resolve(strict=True)
-        inside = path.relative_to(root.resolve()).parts
-        if any(part.startswith(".") for part in inside):
-            raise missing
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except (OSError, RuntimeError, ValueError) as error:
+    except OSError as error:
         raise missing from error
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)

@@ -14,6 +14,7 @@ from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import JobKind
 from fusion.service.store.uploads import Uploads
 from fusion.service.work import Places, parameters_of
+from fusion.service.work.places import two_of_one_name
 from spcola.errors import WorkspaceError
 
 __all__ = ["check_parameters"]
@@ -48,7 +49,8 @@ def check_parameters(
         If there is no such workspace.
     SpcolaError
         If a parameter or a setting is unknown or not allowed, parameters contradict each other, or
-        there is no such stage, solution or complete upload. It names those that there are.
+        there is no such stage, solution or complete upload. It names those that there are. If two
+        files have one name.
     """
     checked = parameters_of(kind, given)
     places = Places(folder.root, uploads.get)
@@ -59,15 +61,19 @@ def check_parameters(
         return
     _check_workspace(folder, workspace, checked, follows=follows)
     if kind in COMMANDS:
+        named: dict[str, Path] = {}
 
         def path_of(value: Any, mark: Mark | None) -> Path:
             for one in value if mark is Mark.FOLDER else [value]:
                 # An earlier job may have yet to write an output.
                 if mark is not Mark.OUTPUT and isinstance(one, str):
-                    places.upload_file(workspace, one)
-            return Path("file")
+                    file = places.upload_file(workspace, one)
+                    if COMMANDS[kind].together and named.setdefault(file.name, file) != file:
+                        raise two_of_one_name(file.name)
+            return Path(str(value) if mark is Mark.OUTPUT else "file")
 
         options_of(COMMANDS[kind].options, checked, path_of)
+        path_of(getattr(checked, "companions", ()), Mark.FOLDER)
 
 
 def _check_workspace(folder: ServedFolder, workspace: str, checked: Any, *, follows: bool) -> None:

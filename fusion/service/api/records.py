@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 import uuid
+from typing import Any
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
 from starlette.datastructures import Headers, MutableHeaders
@@ -109,5 +110,5 @@ class Recorded:
         _LOG.info("request", extra=fields)
         if span is not None:
             span.update_name(f"{scope['method']} {route}")
-            failed = {"error": str(status)} if status >= _FAILURE else {}
+            failed: dict[str, Any] = {"error": str(status)} if status >= _FAILURE else {}
             end_span(span, status=status, request=fields["request"], user=fields["user"], **failed)

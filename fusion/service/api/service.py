@@ -18,7 +18,7 @@ from fusion.service.api.events import EventFeed
 from fusion.service.api.folder import ServedFolder
 from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
 from fusion.service.api.records import Metrics
-from fusion.service.state import STATE_FOLDER
+from fusion.service.state import STATE_FOLDER, cache_folder
 from fusion.service.store import Store, Token
 from fusion.service.views.surfaces import LayerCache
 from fusion.workspace import Workspace
@@ -96,9 +96,9 @@ class Service(ServedFolder):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.metrics.registry.register(Measures(self.root, self.store, self.crew))
-        self.feed = EventFeed(self.store, noticed=self.metrics.count_event)
+        self.feed = EventFeed(self.store, listeners=[self.metrics.count_event])
         self.beginning = threading.Lock()
-        self.cache = LayerCache()
+        self.cache = LayerCache(folder=cache_folder(self.root))
         self.streams = 0
         self._receiving: set[str] = set()
         self._lock = threading.Lock()

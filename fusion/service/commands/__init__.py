@@ -1,6 +1,6 @@
 """Commands that write: their options and what they do, for the command line and for jobs."""
 
-from fusion.service.commands.fields import SolutionOption
+from fusion.service.commands.fields import FACES_FROM, SolutionOption
 from fusion.service.commands.site import Done, Site
 
-__all__ = ["Done", "Site", "SolutionOption"]
+__all__ = ["FACES_FROM", "Done", "Site", "SolutionOption"]

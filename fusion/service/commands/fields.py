@@ -10,6 +10,9 @@ import typer
 
 NAIF_NUMBERS: dict[str, Any] = {"min": -(10**9), "max": 10**9}
 """Limits of numbers of bodies, spacecraft and instruments in SPICE."""
+FACES_FROM: Any = typer.Option(
+    min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."
+)
 
 
 class Mark(Enum):

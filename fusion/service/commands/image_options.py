@@ -100,6 +100,14 @@ class PixelOptions:
                      help="Bits of a pixel in the .DAT files; by default those of "
                      "the file, 16 for more than 8."),
     ] = None  # fmt: skip
+    gamma: Annotated[
+        float,
+        typer.Option(
+            min=0.1, max=10.0,
+            help="Brightness is the number in the file to this power: 2 of square-root encoding, "
+            "about 2.2 of pictures made for screens, 1 where both are proportional.",
+        ),
+    ] = 1.0  # fmt: skip
     low: Annotated[
         int | None,
         typer.Option(
@@ -144,7 +152,7 @@ class PixelOptions:
         stated = None if camera is None else read_one_instrument(camera)[0].smear
         return Recipe(
             self.dark, self.flat, self.dark_scale, bits, Turn(self.orientation),
-            self.smear.times(stated), self.low, self.high, self.bright_background,
+            self.smear.times(stated), self.low, self.high, self.bright_background, self.gamma,
         )  # fmt: skip
 
     def check(self) -> None:

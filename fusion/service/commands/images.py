@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fusion.stages.images.triage_report import Triage, TriageReport
     from fusion.workspace import Workspace
 
-__all__ = ["ImagesOptions", "bring_images"]
+__all__ = ["ImagesOptions", "bring_images", "companions_of"]
 MANY_LINES = 25
 """A longer list is not printed as text, only counted."""
 _RANGE_TO = {True: "surface", False: "center"}
@@ -71,6 +71,33 @@ def bring_images(site: Site, given: ImagesOptions) -> Done:
     return Done(content, lines)
 
 
+def companions_of(paths: Iterable[Path], *, isd: bool = False) -> list[Path]:
+    """Return the files that images need and that are not among them: labels, pixels, ISD files.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Images, and files of other kinds: these need none.
+    isd : bool
+        Whether states are those of ISD files next to the images.
+
+    Raises
+    ------
+    SpcolaError
+        If one cannot be read.
+    """
+    from fusion.stages.images import isd_file
+    from spcola.formats.images.open_image import files_of_image
+
+    given = list(paths)
+    found: dict[Path, None] = {}
+    for path in given:
+        found |= dict.fromkeys(files_of_image(path))
+        if isd and (file := isd_file(path)) is not None:
+            found[file] = None
+    return [path for path in found if path not in given]
+
+
 def _bring_in(
     workspace: Workspace, given: ImagesOptions, site: Site, content: dict[str, Any]
 ) -> Iterator[str]:
@@ -93,6 +120,7 @@ def _bring_in(
         executor=site.executor,
         progress=site.progress,
         wait=site.wait,
+        lasting=site.lasting,
     )
     content |= {
         "new": [record.as_json() for record in done.new],

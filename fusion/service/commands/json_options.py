@@ -45,6 +45,15 @@ class Output(BaseModel):
 
 
 FileName = UploadId | Output
+_COMPANIONS = Annotated[
+    list[FileName],
+    Field(
+        max_length=_MOST,
+        description="Files that lie with the others: pixels of a detached label, labels of "
+        "images, ISD files.",
+        json_schema_extra={"x-takes": "file"},
+    ),
+]
 _MARKED: dict[Mark, Any] = {
     Mark.OUTPUT: OutputName,
     Mark.FOLDER: Annotated[list[FileName], Field(min_length=1, max_length=_MOST)],
@@ -160,7 +169,7 @@ def outputs_of(options: type[Any], given: Mapping[str, Any]) -> list[Path]:
 
 
 def options_model(
-    name: str, options: type[Any], *, solution: bool, about: str = ""
+    name: str, options: type[Any], *, solution: bool, companions: bool, about: str = ""
 ) -> type[BaseModel]:
     """Return the model of a command's options: the same names, limits and defaults.
 
@@ -177,6 +186,8 @@ def options_model(
         Dataclass of options for typer.
     solution : bool
         Whether the job takes the name of a solution too.
+    companions : bool
+        Whether it takes files that others of the job name.
     about : str
         What the command does.
     """
@@ -187,6 +198,8 @@ def options_model(
         hints: Any = leaf.hints
         described = Field(default, description=leaf.about, json_schema_extra=hints)
         content[leaf.json_name] = (leaf.json_type, described)
+    if companions:
+        content["companions"] = (_COMPANIONS, [])
     model: type[BaseModel] = create_model(name, __config__=_CONFIG, __doc__=about, **content)
     return model
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -38,6 +38,11 @@ class Site:
     folders : tuple of Path
         Files that other files name, such as kernels of a meta-kernel, must lie in one of these;
         if empty, they may lie anywhere.
+    job : str
+        The job of the service that asks for it; empty on the command line.
+    lasting : callable
+        Returns the path by which records name a file of the command, from the one where it reads
+        it: files of a job are read in a folder that is removed at its end.
     """
 
     root: Path
@@ -46,6 +51,8 @@ class Site:
     solution: str = ""
     wait: bool = False
     folders: tuple[Path, ...] = ()
+    job: str = ""
+    lasting: Callable[[str], str] = str
 
     def open(self, solution: str = "") -> Workspace:
         """Open the workspace with its solution, or another one."""

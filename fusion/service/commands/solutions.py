@@ -14,6 +14,7 @@ from fusion.service.commands.site import Done, Site
 __all__ = [
     "ExportOptions",
     "SolutionName",
+    "check_named",
     "export_to_folder",
     "put_in_use",
     "remove_version",
@@ -28,9 +29,8 @@ class SolutionName:
     name: NameArgument
 
     def check(self) -> None:
-        """Refuse no name: it would be the one in use; raises typer.BadParameter."""
-        if not self.name:
-            raise typer.BadParameter("is empty", param_hint="NAME")
+        """Refuse no name; raises typer.BadParameter."""
+        check_named(self.name)
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,12 @@ class ExportOptions(SolutionName):
     """A solution, and where it is written."""
 
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new folder."), Mark.OUTPUT]
+
+
+def check_named(solution: str) -> None:
+    """Refuse no name of a solution: it would be the one in use; raises typer.BadParameter."""
+    if not solution:
+        raise typer.BadParameter("is empty", param_hint="NAME")
 
 
 def put_in_use(site: Site, given: SolutionName) -> Done:
@@ -70,5 +76,5 @@ def remove_version(site: Site, given: SolutionName) -> Done:
     from fusion.workspace import IMPORTED
 
     given.check()
-    remove_solution(site.open(IMPORTED), given.name)
+    remove_solution(site.open(IMPORTED), given.name, job=site.job)
     return Done({"removed": given.name}, [f"removed: {given.name}"])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from fusion.service.commands.site import Site
 from spcola.errors import InvalidValueError, RejectedResultError
@@ -13,7 +14,14 @@ if TYPE_CHECKING:
     from fusion.stages.scale import AppliedScale
     from fusion.workspace.settings import Settings
 
-__all__ = ["accepting", "apply_scale_of", "check_stages", "check_usable", "pipeline_of"]
+__all__ = [
+    "UnusableResultError",
+    "accepting",
+    "apply_scale_of",
+    "check_stages",
+    "check_usable",
+    "pipeline_of",
+]
 
 
 def pipeline_of(
@@ -57,18 +65,34 @@ def check_stages(names: Sequence[str], only: Sequence[str] = (), within: str = "
     Subset.of(only, within)
 
 
-def check_usable(pipeline: Pipeline, runs: Sequence[StageRun]) -> None:
+class UnusableResultError(RejectedResultError):
+    """A stage has a result that may not be used; `result` is what the command prints of it."""
+
+    def __init__(self, what: str, where: Path, result: Mapping[str, Any]) -> None:
+        self.result = result
+        super().__init__(what, where)
+
+
+def check_usable(
+    pipeline: Pipeline, runs: Sequence[StageRun], result: Mapping[str, Any] | None = None
+) -> None:
     """End with an error if a result may not be used, so that later stages did not run.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+    runs : sequence of StageRun
+    result : mapping, optional
+        What ``--json`` has of them.
 
     Raises
     ------
-    RejectedResultError
+    UnusableResultError
     """
     for run in runs:
         if run.obstacle:
-            raise RejectedResultError(
-                f"the result of {run.stage} is {run.obstacle}", pipeline.workspace.root
-            )
+            what = f"the result of {run.stage} is {run.obstacle}"
+            raise UnusableResultError(what, pipeline.workspace.root, result or {})
 
 
 def apply_scale_of(

@@ -56,15 +56,21 @@ class JobQueue(Protocol):
         ...
 
     def note(self, identity: str, text: str, content: Mapping[str, Any] | None = None) -> None:
-        """Add a line to the job's log."""
+        """Add a line to the job's log; `content` may have a `level`, and a `code`."""
         ...
 
     def finish(self, identity: str, worker: str, result: Mapping[str, Any]) -> None:
         """Record the result of a job."""
         ...
 
-    def fail(self, identity: str, worker: str, error: JobError) -> None:
-        """Record that a job failed, and fail those that come after it."""
+    def fail(
+        self,
+        identity: str,
+        worker: str,
+        error: JobError,
+        result: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Record that a job failed, with a result that may not be used; fail those after it."""
         ...
 
     def give_back(self, identity: str, worker: str, *, wait_s: float = 0.0) -> None:

@@ -35,12 +35,26 @@ class JobKind(StrEnum):
     SCALE_APPLY = "scale-apply"  # a scaled solution
     SUMFILES = "sumfiles"  # states of images
     KERNELS = "kernels"  # SPICE kernels of the states
+    PHOTOMETRY_FIT = "photometry-fit"  # photometric functions of the images
+    SPC_TILE = "spc-tile"  # a solution with finer maplets
+    SPC_REGISTER = "spc-register"  # a solution with states that fit the shape
+    SPC_LITHOS = "spc-lithos"  # a solution with maplets from images
+    FUSE_IMAGES = "fuse-images"  # the same with lidar and overlaps in every round
+    SPC_ALBEDO = "spc-albedo"  # albedo on known topography
     SOLUTION_USE = "solution-use"
     SOLUTION_EXPORT = "solution-export"
     SOLUTION_REMOVE = "solution-remove"
     TRUTH_ASSESS = "truth-assess"  # models against a synthetic mission
     CAMERA_CALIBRATE = "camera-calibrate"  # a camera from stars
     CAMERA_CONVERT = "camera-convert"  # a camera file of other formats
+    INFO = "info"  # what a file holds
+    LOOK = "look"  # a picture of a file or the workspace
+    SOLUTION_DIFF = "solution-diff"
+
+    @property
+    def only_reads(self) -> bool:
+        """Whether it changes nothing in the workspace, and goes along with any other job."""
+        return self in {JobKind.INFO, JobKind.LOOK, JobKind.SOLUTION_DIFF}
 
 
 @dataclass(frozen=True)
@@ -123,7 +137,8 @@ class Job:
         NaN if it has not happened yet.
     progress : JobProgress
     result : mapping
-        Of a finished job: the summaries of the stages, as in ``--json`` of the command.
+        What ``--json`` of the command has: of a finished job, and of one that failed with a
+        result that may not be used.
     error : JobError, optional
     cancelling : bool
         Whether the worker has been asked to stop.

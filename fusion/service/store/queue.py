@@ -197,10 +197,17 @@ class SqlQueue:
             content = stored(result, sort=False)
             end_job(connection, row, JobState.FINISHED, self._clock(), result=content, losses=0)
 
-    def fail(self, identity: str, worker: str, error: JobError) -> None:
-        """Record that a job failed, and fail those that come after it.
+    def fail(
+        self,
+        identity: str,
+        worker: str,
+        error: JobError,
+        result: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Record that a job failed, with a result that may not be used if it has one.
 
-        One that was to be cancelled is cancelled, and keeps the error.
+        Those that come after it fail. One that was to be cancelled is cancelled, and keeps the
+        error.
         """
         with self._database.writing() as connection:
             row = row_of(connection, identity)
@@ -208,7 +215,8 @@ class SqlQueue:
                 return
             row = _leased(connection, identity, worker)
             state = JobState.CANCELLED if row.cancelling else JobState.FAILED
-            end_job(connection, row, state, self._clock(), error=error)
+            content = stored(result or {}, sort=False)
+            end_job(connection, row, state, self._clock(), error=error, result=content)
 
     def give_back(self, identity: str, worker: str, *, wait_s: float = 0.0) -> None:
         """Let a job wait again, for a time: a drained worker, a full disk, a lost scheduler.

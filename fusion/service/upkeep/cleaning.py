@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import shutil
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from fusion.service.api import Service
 from fusion.service.api.errors import RequestRefusedError
@@ -19,6 +17,7 @@ from fusion.service.state import outputs_folder
 from fusion.service.store import AuditEntry, StoreError, Upload
 from fusion.service.store.records import UploadState
 from fusion.service.store.store import LAST_CLEANING
+from fusion.service.threads import Background
 from fusion.service.upkeep.settings import Ages
 from fusion.service.work.logs import log
 
@@ -28,7 +27,7 @@ _MOST_JOBS = 1_000_000
 _UNENDED = (JobState.WAITING, JobState.RUNNING)
 
 
-class Cleaner:
+class Cleaner(Background):
     """Removes what is old, from a thread: at the start and every hour.
 
     Parameters
@@ -49,31 +48,18 @@ class Cleaner:
         *,
         clock: Callable[[], float] = time.time,
     ) -> None:
+        super().__init__("cleaner")
         self._service, self._logs, self._ages, self._clock = service, logs, ages, clock
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="cleaner", daemon=True)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stopping.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stopping.is_set():
+    def run(self) -> None:
+        """Clean at the start and every hour."""
+        while not self.ending.is_set():
             try:
                 self.clean()
             except Exception as error:
                 # A store that is busy, or a disk that fails: in an hour again.
                 log.warning("old things were not removed", error=str(error))
-            self._stopping.wait(_EVERY_S)
+            self.ending.wait(_EVERY_S)
 
     def clean(self) -> dict[str, int]:
         """Remove what is old; return how much of each kind."""

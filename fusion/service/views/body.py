@@ -10,9 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fusion.runtime import content_digest
-from fusion.runtime.folders import Remembered
 from fusion.service.views.surfaces import LayerCache, SurfaceKind, surface_names
-from fusion.service.views.surfaces.cache import stamp_of
+from fusion.service.views.surfaces.cache import stamp_of, state_of
 from fusion.service.views.surfaces.layers import LAYERS
 from fusion.service.views.surfaces.opening import open_surfaces
 from fusion.service.views.surfaces.sampling import sampled
@@ -22,8 +21,18 @@ from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.shape import Mesh, decimated
 
-__all__ = ["SHAPE_LAYERS", "mesh_bytes", "shape_layers", "shape_mesh", "vertex_layer"]
+__all__ = [
+    "PAGE_FACETS",
+    "SHAPE_LAYERS",
+    "mesh_bytes",
+    "shape_etag",
+    "shape_layers",
+    "shape_mesh",
+    "vertex_layer",
+]
 
+PAGE_FACETS = 1_000_000
+"""Facets that the page asks for at most (MOST_FACETS there)."""
 SHAPE_LAYERS: Mapping[str, tuple[SurfaceKind, ...]] = {
     "albedo": (SurfaceKind.MAPLET,),
     "difference": (SurfaceKind.FUSED,),
@@ -55,7 +64,7 @@ def shape_mesh(
     SpcolaError
         If there is no shape, or it cannot be read.
     """
-    key = (stamp_of(workspace.shape_path()), facets)
+    key = _key(workspace, facets)
 
     def make() -> dict[Hashable, AnyArray]:
         mesh = workspace.shape()
@@ -63,7 +72,7 @@ def shape_mesh(
         return {"vertices": mesh.vertices, "facets": mesh.facets}
 
     kept = cache or LayerCache()
-    vertices, faces = (kept.find(key, part, make) for part in ("vertices", "facets"))
+    vertices, faces = (kept.find(key, part, make, slow=True) for part in ("vertices", "facets"))
     return Mesh(vertices, faces)
 
 
@@ -146,29 +155,36 @@ def vertex_layer(
     SpcolaError
         If there is no shape, or a file is damaged.
     """
-    if layer not in SHAPE_LAYERS:
-        names = ", ".join(SHAPE_LAYERS)
-        raise InvalidValueError(f"the shape has no layer {layer!r}", do=f"there are: {names}")
-    kept = cache or LayerCache()
-    chosen = _first_there(workspace, SHAPE_LAYERS[layer])
-    key = (stamp_of(workspace.shape_path()), facets, layer, _state(workspace, chosen))
+    kept, key = cache or LayerCache(), _key(workspace, facets, layer)
 
     def make() -> dict[Hashable, AnyArray]:
         mesh = shape_mesh(workspace, facets, cache=kept)
+        chosen = _first_there(workspace, SHAPE_LAYERS[layer])
         surfaces = [each for kind, _ in chosen for each in open_surfaces(workspace, kind, kept)]
-        return {"": _interpolated(mesh, surfaces, layer)}
+        return {"values": _interpolated(mesh, surfaces, layer)}
 
-    return kept.find(key, "", make)
+    return kept.find(key, "values", make, slow=True)
 
 
-def _state(workspace: Workspace, there: list[tuple[SurfaceKind, list[str]]]) -> str:
-    """Return what changes with the files of surfaces and of the maplets they are compared with.
+def shape_etag(workspace: Workspace, facets: int | None = None, layer: str = "") -> str:
+    """Return a text that changes whenever the mesh, or a `layer` on it, does; raises as they do."""
+    return content_digest(repr(_key(workspace, facets, layer)))[:32]
 
-    The files are listed, not opened: a thousandth of the time.
-    """
+
+def _key(workspace: Workspace, facets: int | None, layer: str = "") -> tuple[Hashable, ...]:
+    """Return what the mesh, or a layer on it, is made from."""
+    mesh = (stamp_of(workspace.shape_path()), facets)
+    if not layer:
+        return mesh
+    if layer not in SHAPE_LAYERS:
+        names = ", ".join(SHAPE_LAYERS)
+        raise InvalidValueError(f"the shape has no layer {layer!r}", do=f"there are: {names}")
+    there = _first_there(workspace, SHAPE_LAYERS[layer])
+    # Fused maplets are compared with those of SPC.
     folders = {"MAPFILES", *(_FOLDERS[kind] for kind, _ in there)}
-    files = [Remembered(workspace.home / folder).listing().files for folder in sorted(folders)]
-    return content_digest([files, there])
+    surfaces = [(kind.value, *names) for kind, names in there]
+    state = state_of(*(workspace.home / folder for folder in sorted(folders)))
+    return (*mesh, layer, content_digest(surfaces), state)
 
 
 def _first_there(
@@ -203,7 +219,6 @@ def _interpolated(mesh: Mesh, surfaces: list[Surface], layer: str) -> FloatArray
 
 def _vertex_normals(mesh: Mesh) -> FloatArray:
     """Return outward normals (V, 3) of any length."""
-    normals = np.zeros(mesh.vertices.shape)
-    for corner in range(3):
-        np.add.at(normals, mesh.facets[:, corner], mesh.area_vectors)
-    return normals
+    corners, count = mesh.facets.ravel(), len(mesh.vertices)
+    areas = np.repeat(mesh.area_vectors, 3, axis=0)
+    return np.stack([np.bincount(corners, areas[:, k], count) for k in range(3)], axis=1)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.service.views.surfaces import SurfaceKind, surface_names
+from fusion.service.views.surfaces import LayerCache, SurfaceKind, surface_names
+from fusion.service.views.surfaces.cache import state_of
 from fusion.service.views.surfaces.opening import BIGMAP_FOLDERS
 from fusion.workspace import Workspace, visible_files
+from spcola.arrays import AnyArray
 from spcola.errors import InvalidValueError
 from spcola.formats.maplets import MapParts
 
 __all__ = ["OUTLINED", "outlines", "same_place"]
 
 
-def outlines(workspace: Workspace, kind: SurfaceKind) -> dict[str, Any]:
+def outlines(
+    workspace: Workspace, kind: SurfaceKind, *, cache: LayerCache | None = None
+) -> dict[str, Any]:
     """Return the squares that the surfaces of one `kind` cover.
 
     Parameters
@@ -25,6 +29,7 @@ def outlines(workspace: Workspace, kind: SurfaceKind) -> dict[str, Any]:
     workspace : Workspace
     kind : SurfaceKind
         One of :data:`OUTLINED`.
+    cache : LayerCache, optional
 
     Returns
     -------
@@ -42,14 +47,22 @@ def outlines(workspace: Workspace, kind: SurfaceKind) -> dict[str, Any]:
     if kind not in OUTLINED:
         do = f"there are: {', '.join(OUTLINED)}"
         raise InvalidValueError(f"there are no outlines of the kind {kind.value!r}", do=do)
-    known = [(name, MapParts.open(path).grid) for name, path in OUTLINED[kind](workspace)]
+    listed = list(OUTLINED[kind](workspace))
+    state = state_of(*sorted({path.parent for _, path in listed}))
+    key = ("outlines", [str(path) for _, path in listed], state)
+    find, columns = (cache or LayerCache()).find, ("name", "center_m", "axes", "side_m", "gsd_m")
+    found = {each: find(repr(key), each, lambda: _columns(listed), slow=True) for each in columns}
+    return {"kind": kind.value, **found}
+
+
+def _columns(listed: list[tuple[str, Path]]) -> dict[Hashable, AnyArray]:
+    grids = [MapParts.open(path).grid for _, path in listed]
     return {
-        "kind": kind.value,
-        "name": [name for name, _ in known],
-        "center_m": np.array([grid.center for _, grid in known]).reshape(-1, 3),
-        "axes": np.array([grid.axes for _, grid in known]).reshape(-1, 3, 3),
-        "side_m": [(grid.size - 1) * grid.gsd for _, grid in known],
-        "gsd_m": [grid.gsd for _, grid in known],
+        "name": np.array([name for name, _ in listed], dtype=str),
+        "center_m": np.array([grid.center for grid in grids]).reshape(-1, 3),
+        "axes": np.array([grid.axes for grid in grids]).reshape(-1, 3, 3),
+        "side_m": np.array([(grid.size - 1) * grid.gsd for grid in grids]),
+        "gsd_m": np.array([grid.gsd for grid in grids]),
     }
 
 

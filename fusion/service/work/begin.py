@@ -14,6 +14,7 @@ from fusion.runtime import Executor, Progress
 from fusion.service.work.parameters import InitParameters
 from fusion.service.work.spc_folder import EXPORT_RECORD, spc_place
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
+from fusion.workspace.solution_records import read_record
 from spcola.atomic import replacing
 from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.maplets import read_maplet
@@ -45,7 +46,8 @@ def begin_workspace(
     Raises
     ------
     InvalidValueError
-        If a name is that of no SPC file, or the workspace exists and a body or shape is given.
+        If a name is that of no SPC file, or the workspace exists with another shape or other
+        constants than given.
     FormatError
         If a file does not have the content of its format.
     WorkspaceError
@@ -54,10 +56,11 @@ def begin_workspace(
     records = [path for path in files if path.name == EXPORT_RECORD]
     places = {path: spc_place(path.name) for path in files if path not in records}
     if (root / SETTINGS_FILE).is_file():
-        if shape is not None or records:
-            what = f"exists: a shape and a {EXPORT_RECORD} are given when it is made"
-            raise InvalidValueError(what, "workspace")
         made = Workspace.open(root)
+        # A worker that was lost may have made it from the same files.
+        if not _is_made_from(made, given, shape, records):
+            what = f"exists: another shape or {EXPORT_RECORD} is given when it is made"
+            raise InvalidValueError(what, "workspace")
     else:
         made = new_workspace(
             root,
@@ -71,6 +74,25 @@ def begin_workspace(
         for _ in executor.stream(_Placing(root, places), list(places)):
             task.advance()
     return describe_workspace(made)
+
+
+def _is_made_from(
+    made: Workspace, given: InitParameters, shape: Path | None, records: Sequence[Path]
+) -> bool:
+    """Return whether a workspace has the shape and the constants that are given."""
+    settings = made.settings()
+    for record in records:
+        if settings.with_tables(read_record(record.parent).constants, record) != settings:
+            return False
+    if shape is None:
+        return True
+    body, there = settings.body, made.root / "SHAPEFILES" / shape.name
+    wanted = (given.body, shape.name, given.shape_unit, given.faces_from)
+    return (
+        (body.name, body.shape, body.shape_unit, body.faces_from) == wanted
+        and there.is_file()
+        and filecmp.cmp(shape, there, shallow=False)
+    )
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import BaseModel
@@ -29,7 +28,7 @@ from fusion.service.work.parameters import (
     RunParameters,
     parameters_of,
 )
-from fusion.service.work.places import Places
+from fusion.service.work.places import Desk, Places
 from fusion.service.work.report import JobReport
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
@@ -52,10 +51,13 @@ class Assignment:
         """What the job is asked to do."""
         return self.job.request
 
-    def site(self, solution: str = "", folders: tuple[Path, ...] = ()) -> Site:
+    def site(self, solution: str = "", desk: Desk | None = None) -> Site:
         """Return where and with what the command of the job works."""
         root = self.places.workspace(self.request.workspace)
-        return Site(root, self.executor, self.report, solution, folders=folders)
+        site = Site(root, self.executor, self.report, solution, job=self.job.id)
+        if desk is None:
+            return site
+        return replace(site, folders=(desk.read,), lasting=desk.lasting)
 
 
 def perform_job(assignment: Assignment) -> dict[str, Any]:
@@ -78,10 +80,12 @@ def _by_command(assignment: Assignment, command: Command, given: BaseModel) -> d
     places, job = assignment.places, assignment.job.id
     with places.desk(request.workspace, job, together=command.together) as desk:
         options = options_of(command.options, given, desk.path_of)
-        site = assignment.site(getattr(given, "solution", ""), (desk.read,))
+        for one in getattr(given, "companions", ()):
+            desk.path_of(one, None)
+        site = assignment.site(getattr(given, "solution", ""), desk)
         done = wrong_usage(lambda: command.perform(site, options))()
         for line in done.lines:
-            assignment.report.note(desk.named(line))
+            assignment.report.result_line(desk.named(line))
         return dict(desk.named_in(done.content))
 
 
@@ -102,12 +106,13 @@ def _run(assignment: Assignment, given: RunParameters) -> dict[str, Any]:
     else:
         runs = pipeline.run(force=given.force)
     for run in runs:
-        assignment.report.note(_line(run))
-    check_usable(pipeline, runs)
-    return {
+        assignment.report.result_line(_line(run))
+    result = {
         "workspace": assignment.request.workspace,
         "stages": [run.as_json() for run in runs],
     }
+    check_usable(pipeline, runs, result)
+    return result
 
 
 def _scale_apply(assignment: Assignment, given: ApplyParameters) -> dict[str, Any]:
@@ -116,7 +121,7 @@ def _scale_apply(assignment: Assignment, given: ApplyParameters) -> dict[str, An
     # A worker that was lost may have made it, and not have recorded that.
     ran, applied = apply_scale_of(pipeline, given.name, force=given.force, job=assignment.job.id)
     for line in (_line(ran), *applied.lines()):
-        assignment.report.note(line)
+        assignment.report.result_line(line)
     return {**ran.as_json(), "applied": applied.as_dict()}
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
 
 from fusion.service.jobs import Job, JobProgress, JobQueue
 from fusion.service.store import LeaseLostError, UnknownJobError
+from fusion.service.threads import Background
 from fusion.service.work.logs import log
 from fusion.service.work.options import WorkOptions
 from fusion.service.work.stopping import Stop, Stopper
@@ -20,7 +18,7 @@ from fusion.service.work.stopping import Stop, Stopper
 _PATIENCE_S = 15.0
 
 
-class Lease:
+class Lease(Background):
     """Renews the lease of a job, with its progress, until the context ends.
 
     Parameters
@@ -48,27 +46,14 @@ class Lease:
         *,
         still_s: float = math.inf,
     ) -> None:
+        super().__init__("lease")
         self._queue, self._job, self._worker, self._options = queue, job, worker, options
         self._progress, self._stopper = progress, stopper
         self._still_s, self._last, self._since = still_s, ("", "", 0), time.monotonic()
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._renewals, name="lease", daemon=True)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._ended.set()
-        self._thread.join()
-
-    def _renewals(self) -> None:
-        while not self._ended.wait(self._options.renew_s):
+    def run(self) -> None:
+        """Renew the lease until the context ends."""
+        while not self.ending.wait(self._options.renew_s):
             progress = self._progress()
             self._check_still(progress)
             try:

@@ -85,6 +85,7 @@ PARAMETERS: Mapping[JobKind, type[BaseModel]] = {
             f"{kind.value} options",
             one.options,
             solution=one.solution,
+            companions=one.companions,
             about=(one.perform.__doc__ or "").partition("\n")[0],
         )
         for kind, one in COMMANDS.items()
@@ -108,6 +109,12 @@ EXAMPLES: Mapping[JobKind, Mapping[str, Any]] = {
         "camera": {"output": "mapcam.toml"}, "sigma_m": 2.0, "sigma_mrad": 0.1,
     },
     JobKind.KERNELS: {"out": "kernels-2026-11", "pck": "m2b3"},
+    JobKind.PHOTOMETRY_FIT: {"function": ["minnaert", "hapke-rough B0=1 h=0.06"]},
+    JobKind.SPC_TILE: {"gsd": 0.35, "within": "56,43,20", "name": "tiled-1"},
+    JobKind.SPC_REGISTER: {"position_sigma": 100.0, "name": "registered-1"},
+    JobKind.SPC_LITHOS: {"only": ["TR0001"], "constraint": ["shape", "lidar"], "name": "lithos-1"},
+    JobKind.FUSE_IMAGES: {"within": "56,43,20", "name": "spcola-1"},
+    JobKind.SPC_ALBEDO: {"ground": "mapolas", "within": "56,43,20", "name": "albedo-1"},
     JobKind.SOLUTION_USE: {"name": "scaled-1"},
     JobKind.SOLUTION_EXPORT: {"name": "scaled-1", "folder": "spc-scaled"},
     JobKind.SOLUTION_REMOVE: {"name": "scaled-1"},
@@ -117,6 +124,9 @@ EXAMPLES: Mapping[JobKind, Mapping[str, Any]] = {
         "out": "nac_calibrated.toml",
     },
     JobKind.CAMERA_CONVERT: {"uploads": ["m2b4", "m2b5"], "number": -64361, "out": "mapcam.toml"},
+    JobKind.INFO: {"file": "MAPFILES/AB0001.MAP"},
+    JobKind.LOOK: {"file": "MAPFILES/AB0001.MAP", "out": "AB0001.png"},
+    JobKind.SOLUTION_DIFF: {"first": "imported", "second": "scaled-1", "out": "diff.png"},
 }  # fmt: skip
 """Parameters of one job of each kind."""
 

@@ -6,7 +6,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from fusion.service.store import StoreError, StoreFault, Upload
 from fusion.service.texts import with_texts, without_paths, without_paths_in
 from spcola.errors import InvalidValueError, WorkspaceError
 
-__all__ = ["Desk", "Places", "output_files"]
+__all__ = ["Desk", "Places", "output_files", "remove_output", "two_of_one_name"]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Places:
         desk = Desk(
             self,
             workspace,
-            self.folder / STATE_FOLDER / "gathered" / job,
+            self._gathered / job,
             self._outputs(workspace) / f".{job}",
             together,
         )
@@ -113,6 +113,10 @@ class Places:
             desk.keep()
         finally:
             desk.clear()
+
+    @property
+    def _gathered(self) -> Path:
+        return self.folder / STATE_FOLDER / "gathered"
 
     def _outputs(self, workspace: str) -> Path:
         return outputs_folder(self.folder, workspace)
@@ -126,12 +130,20 @@ class Places:
 
     def without_uploads(self, text: str) -> str:
         """Return a text in which uploads have the names that their users gave them."""
-        uploads = re.escape(str(uploads_folder(self.folder)))
-        return re.sub(rf"{uploads}/[A-Za-z0-9_-]+/file/", "", text)
+        uploads, gathered = (
+            re.escape(str(one)) for one in (uploads_folder(self.folder), self._gathered)
+        )
+        return re.sub(rf"(?:{uploads}/[\w-]+/file|{gathered}/[\w-]+)/", "", text)
 
     def without_folder_in(self, value: Any) -> Any:
         """Return a value in JSON types whose texts are as of :meth:`without_folder`."""
         return without_paths_in(value, self.folder)
+
+
+def two_of_one_name(name: str) -> InvalidValueError:
+    """Return the error of two different files of one name: they cannot lie in one folder."""
+    what = "is the name of two files of the job"
+    return InvalidValueError(what, name, "upload one under another name")
 
 
 def output_files(folder: Path, workspace: str) -> dict[str, int]:
@@ -144,6 +156,29 @@ def output_files(folder: Path, workspace: str) -> dict[str, int]:
         for name, path in names
         if not name.parts[0].startswith(".")
     }
+
+
+def remove_output(folder: Path, workspace: str, name: str) -> bool:
+    """Remove what a job has written for its user; return whether it was there.
+
+    Parameters
+    ----------
+    folder : Path
+        That of the service.
+    workspace : str
+    name : str
+        Of a file, or of a folder, which goes with all that is in it.
+    """
+    path = outputs_folder(folder, workspace) / name
+    if len(Path(name).parts) != 1 or name.startswith("."):
+        return False
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    elif path.exists():
+        path.unlink()
+    else:
+        return False
+    return True
 
 
 @dataclass(frozen=True)
@@ -160,6 +195,8 @@ class Desk:
         Folders of this job alone.
     together : bool
         Whether the files are linked into `read`.
+    sources : dict
+        The files that are linked there, by their paths in `read`.
     """
 
     places: Places
@@ -167,6 +204,7 @@ class Desk:
     read: Path
     written: Path
     together: bool = True
+    sources: dict[str, Path] = field(default_factory=dict)
 
     def path_of(self, given: Any, mark: Mark | None) -> Path:
         """Return the path of a file, a folder of files, or an output, as parameters name them.
@@ -194,8 +232,13 @@ class Desk:
         if not target.exists():
             target.hardlink_to(source)
         elif not target.samefile(source):
-            raise InvalidValueError("is the name of two files of the job", source.name)
+            raise two_of_one_name(source.name)
+        self.sources[str(target)] = source
         return target
+
+    def lasting(self, path: str) -> str:
+        """Return where a file of the job remains when the folders of the job are gone."""
+        return str(self.sources.get(path, path))
 
     def keep(self) -> None:
         """Make what was written outputs of the workspace."""

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import structlog
 
@@ -24,13 +25,13 @@ class JobReport(Progress):
     ----------
     job : Job
     note : callable
-        Takes each line of the log.
+        Takes each line of the log, and its level.
     counts_stages : bool
         Whether a stage that ended is not run again by the next worker.
     """
 
     def __init__(
-        self, job: Job, note: Callable[[str], None], *, counts_stages: bool = False
+        self, job: Job, note: Callable[[str, str], None], *, counts_stages: bool = False
     ) -> None:
         super().__init__("silent")
         self._job, self._note, self._counts_stages = job, note, counts_stages
@@ -51,17 +52,22 @@ class JobReport(Progress):
         end_span(self._stage_span)
         attributes = {"spcola.job": self._job.id, "spcola.stage": name}
         self._stage_span = begin_span(f"stage {name}", attributes, parent=self._span)
-        self._note(f"{name} begins")
+        self._note(f"{name} begins", "progress")
 
     def note(self, text: str) -> None:
-        """Add a line to the job's log."""
-        self._note(text)
+        """Add what the user should know to the job's log."""
+        self._note(text, "warning")
+
+    def result_line(self, text: str) -> None:
+        """Add a line that the command prints to the job's log."""
+        self._note(text, "result")
 
     def item_done(self, run: ItemRun) -> None:
         """Log an item, and what became of it; from any thread."""
         task = "" if self._task is None else self._task.title
         about = {"job": self._job.id, "stage": self.stage, "task": task, "item": run.name}
-        seconds = round(run.seconds, 3)
+        about |= {"cluster_worker": run.worker} if run.worker else {}
+        seconds = None if math.isnan(run.seconds) else round(run.seconds, 3)
         if run.deaths or run.error:
             deaths = list(run.deaths)
             log.warning("item", **about, seconds=seconds, deaths=deaths, error=run.error)
@@ -69,12 +75,15 @@ class JobReport(Progress):
             log.debug("item", **about, seconds=seconds)
         attributes = {f"spcola.{name}": value for name, value in about.items()}
         parent = self._stage_span or self._span
-        span = begin_span("item", attributes, parent=parent, begun_s=time.time() - run.seconds)
-        end_span(span, tries=1 + len(run.deaths), **({"error": run.error} if run.error else {}))
+        ended_s = time.time() if math.isnan(run.ended) else run.ended
+        begun_s = ended_s - (seconds or 0.0)
+        span = begin_span("item", attributes, parent=parent, begun_s=begun_s)
+        failed: dict[str, Any] = {"error": run.error} if run.error else {}
+        end_span(span, ended_s=ended_s, tries=1 + len(run.deaths), **failed)
 
     def end(self, outcome: str) -> None:
         """Note what became of the job."""
-        failed = {} if outcome == "finished" else {"error": outcome}
+        failed: dict[str, Any] = {} if outcome == "finished" else {"error": outcome}
         end_span(self._stage_span, **failed)
         end_span(self._span, outcome=outcome, **failed)
 

@@ -15,6 +15,7 @@ EXPORT_RECORD = "solution.json"
 _FOLDERS: Mapping[str, str] = {
     ".MAP": "MAPFILES",
     ".SIG": "MAPFILES",
+    ".ASG": "MAPFILES",
     ".LMK": "LMKFILES",
     ".SUM": "SUMFILES",
     ".NOM": "NOMINALS",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from fusion import runtime
 from fusion.runtime import Executor, json_value
 from fusion.runtime.children import ProcessExecutor
 from fusion.runtime.processes import limited_memory
+from fusion.service.commands.stages import UnusableResultError
 from fusion.service.jobs import Job, JobError, JobQueue
 from fusion.service.store import LeaseLostError, UnknownJobError, Upload
 from fusion.service.work.kinds import UPLOADED, Assignment, perform_job
@@ -122,7 +124,7 @@ class _Worker:
     def _done(self, job: Job) -> str:
         """Do a job and record what became of it; return that as a code."""
         again = {"force", "only", "within"} & job.request.parameters.keys()
-        report = JobReport(job, lambda text: self._note(job, text), counts_stages=not again)
+        report = JobReport(job, partial(self._note, job), counts_stages=not again)
         outcome = "ended"
         try:
             outcome = self._attempted(job, report)
@@ -164,7 +166,11 @@ class _Worker:
             result = perform_job(Assignment(job, self._places, executor, report))
         # A power cut must not take files of a job that is recorded as finished.
         flush_folders(self._places.workspace(job.request.workspace))
-        return json_value(self._places.without_folder_in(result))
+        return self._sent(result)
+
+    def _sent(self, result: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a result as users see it."""
+        return dict(json_value(self._places.without_folder_in(result)))
 
     @contextmanager
     def _executor(self, job: Job, report: JobReport) -> Iterator[Executor]:
@@ -172,7 +178,7 @@ class _Worker:
         with ExitStack() as stack:
             uploaded = job.request.kind in UPLOADED
             if self._options.cluster and not uploaded:
-                cluster = runtime.ClusterExecutor(self._options.cluster)
+                cluster = runtime.ClusterExecutor(self._options.cluster, seen=report.item_done)
                 stack.callback(cluster.close)
                 yield cluster
                 return
@@ -211,18 +217,20 @@ class _Worker:
         if found.code == "internal":
             log.error("unexpected error", exc_info=error)
         failure = JobError(found.code, text, found.item)
-        self._record(lambda: self._queue.fail(job.id, self._name, failure))
+        result = self._sent(error.result) if isinstance(error, UnusableResultError) else {}
+        self._record(lambda: self._queue.fail(job.id, self._name, failure, result))
         return found.code
 
     def _waits(self, job: Job, wait: Wait) -> str:
-        self._note(job, f"{wait.text}; tried again in {wait.seconds:g} s", code=wait.code)
+        again = f"{wait.text}; tried again in {wait.seconds:g} s"
+        self._note(job, again, "warning", code=wait.code)
         self._record(lambda: self._queue.give_back(job.id, self._name, wait_s=wait.seconds))
         return wait.code
 
-    def _note(self, job: Job, text: str, **content: Any) -> None:
+    def _note(self, job: Job, text: str, level: str, **code: str) -> None:
         """Add a line to the log of the job, and to that of the worker."""
-        text = self._places.without_folder(text)
-        log.info("note", text=text, **content)
+        text, content = self._places.without_folder(text), {"level": level, **code}
+        log.info("note", text=text, **code)
         try:
             self._queue.note(job.id, text, content)
         except Exception as error:

@@ -21,6 +21,7 @@ from fusion.workspace.settings.processing import (
     AcceptSettings,
     BigmapSettings,
     FuseSettings,
+    LithosSettings,
     MapolaSettings,
     RegisterSettings,
     ReleaseSettings,
@@ -49,6 +50,7 @@ class Settings(BaseModel):
     mapolas: MapolaSettings = MapolaSettings()
     registration: RegisterSettings = Field(default=RegisterSettings(), alias="register")
     fuse: FuseSettings = FuseSettings()
+    lithos: LithosSettings = LithosSettings()
     bigmap: BigmapSettings = BigmapSettings()
     scale: ScaleSettings = ScaleSettings()
     release: ReleaseSettings = ReleaseSettings()
@@ -138,7 +140,9 @@ def problem_text(problem: ErrorDetails) -> str:
     }
     if problem["type"] in known:
         return known[problem["type"]]
-    text = problem["msg"].removeprefix("Input ").removeprefix("String ")
+    text = problem["msg"]
+    for prefix in ("Input ", "String ", "Value error, "):
+        text = text.removeprefix(prefix)
     # An error that concerns several keys is not clearer with the whole table printed.
     given = problem["input"]
     return text if isinstance(given, dict) else f"{text}, not {_SHORT.repr(given)}"

@@ -13,6 +13,7 @@ from starlette.responses import Response
 from fusion.service.api.access import ADMIN, KNOWN, Routes, caller_of
 from fusion.service.api.answers import json_answer
 from fusion.service.api.pages import After, Limit, next_link, page_of
+from fusion.service.api.schemas import work
 from fusion.service.api.service import service_of
 from fusion.service.store import Scope
 
@@ -39,14 +40,14 @@ class TokenRequest(BaseModel):
     days: float | None = Field(default=None, gt=0, le=36_500, description="Until it expires.")
 
 
-@routes.add("GET", "/caller", KNOWN)
+@routes.add("GET", "/caller", KNOWN, work.Caller)
 def caller(request: Request) -> Response:
     """Return who asks, and the scopes by workspace; those of * are for all."""
     asking = caller_of(request)
     return json_answer(request, {"user": asking.name, "scopes": dict(asking.token.scopes)})
 
 
-@routes.add("GET", "/tokens", ADMIN)
+@routes.add("GET", "/tokens", ADMIN, work.TOKENS)
 def tokens(request: Request, after: After = "", limit: Limit = 100) -> Response:
     """List all tokens, without their secrets."""
     found = service_of(request).store.tokens.all()
@@ -54,7 +55,7 @@ def tokens(request: Request, after: After = "", limit: Limit = 100) -> Response:
     return json_answer(request, {"tokens": [asdict(token) for token in shown]}, more)
 
 
-@routes.add("POST", "/tokens", ADMIN, status_code=201)
+@routes.add("POST", "/tokens", ADMIN, work.NEW_TOKEN, status_code=201)
 def make_token(request: Request, body: TokenRequest) -> Response:
     """Make a token. Its secret is in this answer and never again."""
     secret, token = service_of(request).store.tokens.make(
@@ -78,7 +79,7 @@ def revoke_token(request: Request, token: str) -> Response:
     return Response(status_code=204)
 
 
-@routes.add("GET", "/audit", ADMIN)
+@routes.add("GET", "/audit", ADMIN, work.ENTRIES)
 def audit(
     request: Request,
     workspace: Annotated[str, Query(max_length=64)] = "",

@@ -16,6 +16,7 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import stream
 from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.parameters import check_parameters
+from fusion.service.api.schemas import work
 from fusion.service.api.service import Service, service_of
 from fusion.service.commands.json_options import writes_outputs
 from fusion.service.commands.table import COMMANDS
@@ -67,7 +68,7 @@ class ForecastRequest(BaseModel):
     parameters: dict[str, Any] = Field(default_factory=dict, description="As of a run.")
 
 
-@routes.add("GET", "/job-kinds", KNOWN)
+@routes.add("GET", "/job-kinds", KNOWN, work.KINDS)
 def kinds(request: Request, after: After = "", limit: Limit = 100) -> Response:
     """List the kinds of jobs: the command that does the same, JSON schema and example."""
     shown, more = page_of(request, [kind.value for kind in JobKind], after, limit)
@@ -91,7 +92,7 @@ _OTHERS = {
 }
 
 
-@routes.add("POST", "/workspaces/{workspace}/jobs", RUN, status_code=202)
+@routes.add("POST", "/workspaces/{workspace}/jobs", RUN, work.JOB, status_code=202)
 def submit(request: Request, workspace: str, body: JobSubmission, key: Key = "") -> Response:
     """Submit a job; the answer names it before it begins."""
     _check_before(request, body.after)
@@ -99,14 +100,14 @@ def submit(request: Request, workspace: str, body: JobSubmission, key: Key = "")
     return submitted(request, workspace, body.kind, body.parameters, asked)
 
 
-@routes.add("POST", "/workspaces/{workspace}/forecast", RUN, status_code=202)
+@routes.add("POST", "/workspaces/{workspace}/forecast", RUN, work.JOB, status_code=202)
 def forecast(request: Request, workspace: str, body: ForecastRequest) -> Response:
     """Have time, memory and disk of a run forecast; the result of the job has them."""
     # Somebody waits for it in order to submit the run.
     return submitted(request, workspace, JobKind.FORECAST, body.parameters, {"priority": 100})
 
 
-@routes.add("GET", "/workspaces/{workspace}/jobs", READ)
+@routes.add("GET", "/workspaces/{workspace}/jobs", READ, work.JOBS)
 def workspace_jobs(
     request: Request,
     workspace: str,
@@ -119,7 +120,7 @@ def workspace_jobs(
     return _listed(request, [workspace], state, before, limit)
 
 
-@routes.add("GET", "/jobs", KNOWN)
+@routes.add("GET", "/jobs", KNOWN, work.JOBS)
 def all_jobs(
     request: Request,
     state: States = [],  # noqa: B006
@@ -130,19 +131,19 @@ def all_jobs(
     return _listed(request, _readable(request), state, before, limit)
 
 
-@routes.add("GET", "/jobs/{job}", READ_JOB)
+@routes.add("GET", "/jobs/{job}", READ_JOB, work.JOB)
 def job(request: Request, job: str) -> Response:
     """Return a job with its progress, and its result or error."""
     return json_answer(request, service_of(request).store.job(job).as_json())
 
 
-@routes.add("POST", "/jobs/{job}/cancel", RUN_JOB)
+@routes.add("POST", "/jobs/{job}/cancel", RUN_JOB, work.JOB)
 def cancel(request: Request, job: str) -> Response:
     """Cancel a job: at once while it waits; one that runs ends with its current items."""
     return json_answer(request, service_of(request).store.cancel(job).as_json())
 
 
-@routes.add("GET", "/jobs/{job}/log", READ_JOB)
+@routes.add("GET", "/jobs/{job}/log", READ_JOB, work.LINES)
 def log(
     request: Request,
     job: str,
@@ -170,8 +171,9 @@ def log(
     "GET",
     "/events",
     KNOWN,
+    work.EVENTS,
+    tagged=False,
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {}}}},
 )
 async def events(
     request: Request,

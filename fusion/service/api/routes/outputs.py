@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from typing import Annotated
 
 from fastapi import Path as PathPart
@@ -14,16 +13,18 @@ from fusion.service.api.answers import json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.files import file_answer
 from fusion.service.api.pages import After, Limit, page_of
+from fusion.service.api.schemas import results, work
 from fusion.service.api.service import service_of
 from fusion.service.state import outputs_folder
 from fusion.service.work.places import output_files
+from fusion.service.work.places import remove_output as remove_files
 
 routes = Routes("/api/v1/workspaces/{workspace}/outputs", "outputs")
 
 Name = Annotated[str, PathPart(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]{0,127}$")]
 
 
-@routes.add("GET", "", READ)
+@routes.add("GET", "", READ, work.OUTPUTS)
 def outputs(request: Request, workspace: str, after: After = "", limit: Limit = 100) -> Response:
     """List the files that jobs have written for their users: kernels, cameras, exports, pages."""
     service = service_of(request)
@@ -35,7 +36,7 @@ def outputs(request: Request, workspace: str, after: After = "", limit: Limit = 
     )
 
 
-@routes.add("GET", "/{path:path}", READ)
+@routes.add("GET", "/{path:path}", READ, results.FILE)
 def output(request: Request, workspace: str, path: str) -> Response:
     """Return an output, or a range of its bytes."""
     service = service_of(request)
@@ -48,11 +49,6 @@ def remove_output(request: Request, workspace: str, name: Name) -> Response:
     """Remove an output: a file, or a folder with all that is in it."""
     service = service_of(request)
     service.folder(workspace)
-    path = outputs_folder(service.root, workspace) / name
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    elif path.exists():
-        path.unlink()
-    else:
+    if not remove_files(service.root, workspace, name):
         raise RequestRefusedError(Refusal.NOT_FOUND, "there is no such output", name)
     return Response(status_code=204)

@@ -10,18 +10,19 @@ import spcola
 from fusion.service.api.access import KNOWN, PUBLIC, READ_ALL, Routes
 from fusion.service.api.answers import described
 from fusion.service.api.errors import Refusal, RequestRefusedError
+from fusion.service.api.schemas import work
 from fusion.service.api.service import service_of
 
 routes = Routes("", "process")
 
 
-@routes.add("GET", "/health", PUBLIC)
+@routes.add("GET", "/health", PUBLIC, work.Health, tagged=False)
 def health() -> Response:
     """Say that the process lives."""
     return JSONResponse({"status": "ok", "version": spcola.__version__})
 
 
-@routes.add("GET", "/ready", PUBLIC)
+@routes.add("GET", "/ready", PUBLIC, work.Ready, tagged=False)
 def ready(request: Request) -> Response:
     """Say whether the service can work, and what is wrong with what it needs."""
     checks = service_of(request).checks()
@@ -36,14 +37,14 @@ def ready(request: Request) -> Response:
     return JSONResponse({"status": "ready", "checks": checks})
 
 
-@routes.add("GET", "/metrics", READ_ALL)
+@routes.add("GET", "/metrics", READ_ALL, work.METRICS, tagged=False)
 def metrics(request: Request) -> Response:
     """Return counters of the service, as Prometheus reads them."""
     registry = service_of(request).metrics.registry
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
-@routes.add("GET", "/api/v1/openapi.json", KNOWN)
+@routes.add("GET", "/api/v1/openapi.json", KNOWN, work.Interface)
 def openapi(request: Request) -> Response:
     """Return the description of this interface."""
     return described(request, request.app.openapi())

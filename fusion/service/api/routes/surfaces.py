@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from fastapi import Depends, Query
@@ -15,6 +15,7 @@ from fusion.service.api.access import READ, Routes
 from fusion.service.api.answers import json_answer, matches
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.pages import After, page_of
+from fusion.service.api.schemas import surfaces as answers
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.views.outlines import same_place
 from fusion.service.views.surfaces import (
@@ -33,7 +34,6 @@ from spcola.errors import InvalidValueError
 routes = Routes("/api/v1/workspaces/{workspace}/surfaces", "surfaces")
 _ONE = "/{kind}/{name}"
 _FLOATS = "application/octet-stream"
-_BOTH: dict[int, Any] = {200: {"content": {_FLOATS: {}, "image/png": {}}}}
 
 Solution = Annotated[str, Query(max_length=100, description="By default the one in use.")]
 Metres = Annotated[float, Query(allow_inf_nan=False)]
@@ -74,7 +74,7 @@ def _opened(
 Found = Annotated[Surface, Depends(_opened)]
 
 
-@routes.add("GET", "", READ)
+@routes.add("GET", "", READ, answers.SURFACES)
 def surfaces(
     request: Request,
     workspace: str,
@@ -92,7 +92,7 @@ def surfaces(
     return json_answer(request, {"surfaces": found}, more)
 
 
-@routes.add("GET", _ONE, READ)
+@routes.add("GET", _ONE, READ, answers.Described)
 def surface(
     request: Request,
     found: Found,
@@ -108,7 +108,7 @@ def surface(
     return json_answer(request, {**found.describe(), "same_place": alike})
 
 
-@routes.add("GET", f"{_ONE}/window", READ, responses=_BOTH)
+@routes.add("GET", f"{_ONE}/window", READ, answers.WINDOW)
 def window(request: Request, found: Found, asked: Annotated[Window, Query()]) -> Response:
     """Return a window of a layer at an overview level."""
     if asked.rows * asked.columns > service_of(request).limits.window_pixels:
@@ -123,7 +123,7 @@ def window(request: Request, found: Found, asked: Annotated[Window, Query()]) ->
     )
 
 
-@routes.add("GET", f"{_ONE}/tiles/{{level}}/{{row}}/{{column}}", READ, responses=_BOTH)
+@routes.add("GET", f"{_ONE}/tiles/{{level}}/{{row}}/{{column}}", READ, answers.WINDOW)
 def tile(
     request: Request,
     found: Found,
@@ -136,13 +136,13 @@ def tile(
     return _picture(request, found, asked, lambda: found.tile(asked.layer, level, row, column))
 
 
-@routes.add("GET", f"{_ONE}/value", READ)
+@routes.add("GET", f"{_ONE}/value", READ, answers.Value)
 def value(request: Request, found: Found, x: Metres, y: Metres) -> Response:
     """Return all layers at a point, metres from the centre: x along Uy, y along −Ux."""
     return json_answer(request, value_at(found, x, y))
 
 
-@routes.add("GET", f"{_ONE}/profile", READ)
+@routes.add("GET", f"{_ONE}/profile", READ, answers.Profile)
 def along(
     request: Request,
     found: Found,
@@ -156,7 +156,7 @@ def along(
     return json_answer(request, line.as_json())
 
 
-@routes.add("GET", f"{_ONE}/colours", READ)
+@routes.add("GET", f"{_ONE}/colours", READ, answers.Colours)
 def colours(
     request: Request, found: Found, layer: Annotated[str, Query(max_length=32)] = "height"
 ) -> Response:

@@ -20,10 +20,12 @@ from fusion.service.api.access import READ, RUN, Routes, caller_of
 from fusion.service.api.answers import json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.pages import After, Limit, page_of
+from fusion.service.api.schemas import Media, work
 from fusion.service.api.service import Service, service_of
 from fusion.service.api.upload_file import UploadFile, clean_name, write_whole
 from fusion.service.store import StoreError, StoreFault, Upload
 from fusion.service.store.records import UploadState
+from fusion.service.work.imported import imported_uploads
 
 routes = Routes("/api/v1/workspaces/{workspace}/uploads", "uploads")
 _TUS = {"Tus-Resumable": "1.0.0", "Cache-Control": "no-store"}
@@ -59,7 +61,7 @@ class UploadRequest(BaseModel):
     kind: Literal["scan", "image", "kernel", "spc", "shape", "camera", "table", "other"]
 
 
-@routes.add("POST", "", RUN, status_code=201)
+@routes.add("POST", "", RUN, work.UPLOAD, status_code=201)
 def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Response:
     """Begin an upload; the answer has its id."""
     service = service_of(request)
@@ -80,7 +82,7 @@ def begin_upload(request: Request, workspace: str, body: UploadRequest) -> Respo
     return _answer(request, upload, headers, HTTPStatus.CREATED)
 
 
-@routes.add("GET", "", READ)
+@routes.add("GET", "", READ, work.UPLOADS)
 def uploads(request: Request, workspace: str, after: After = "", limit: Limit = 100) -> Response:
     """List the uploads of a workspace that are open or wait for their import."""
     service = service_of(request)
@@ -90,14 +92,29 @@ def uploads(request: Request, workspace: str, after: After = "", limit: Limit = 
     return json_answer(request, {"uploads": [_json(upload) for upload in shown]}, more)
 
 
-@routes.add("HEAD", "/{upload}", READ)
+@routes.add("DELETE", "", RUN, work.Removed)
+def remove_imported(request: Request, workspace: str) -> Response:
+    """Remove the uploads that finished jobs have brought into the workspace, and no others.
+
+    Cameras, kernels and tables stay, and what a job names that has not ended.
+    """
+    service = service_of(request)
+    service.place(workspace)
+    found = imported_uploads(service.store, workspace)
+    for upload in found:
+        with service.receiving(upload.id):
+            _remove(service, upload)
+    return json_answer(request, {"removed": len(found), "bytes": _size(found)})
+
+
+@routes.add("HEAD", "/{upload}", READ, Media((), work.PROGRESS))
 def upload_offset(request: Request, workspace: str, upload: str) -> Response:
     """Say how many bytes have arrived (Upload-Offset): where to go on."""
     found = _open(service_of(request), workspace, upload)
     return Response(headers=_progress(found))
 
 
-@routes.add("GET", "/{upload}", READ)
+@routes.add("GET", "/{upload}", READ, work.UPLOAD)
 def upload_state(request: Request, workspace: str, upload: str) -> Response:
     """Return an upload and its state."""
     return _answer(request, _open(service_of(request), workspace, upload))
@@ -107,6 +124,7 @@ def upload_state(request: Request, workspace: str, upload: str) -> Response:
     "PATCH",
     "/{upload}",
     RUN,
+    Media((), work.PROGRESS),
     status_code=204,
     max_body_size=_MOST_BODY,
     extra=_PART_BODY,
@@ -137,7 +155,7 @@ async def send_part(
     return Response(status_code=204, headers=_progress(found))
 
 
-@routes.add("POST", "/{upload}/complete", RUN)
+@routes.add("POST", "/{upload}/complete", RUN, work.UPLOAD)
 def complete_upload(request: Request, workspace: str, upload: str) -> Response:
     """Check the checksum and keep the file for a job that imports it."""
     service = service_of(request)
@@ -165,10 +183,13 @@ def remove_upload(request: Request, workspace: str, upload: str) -> Response:
     """Remove an upload and its bytes."""
     service = service_of(request)
     with service.receiving(upload):
-        found = _open(service, workspace, upload)
-        service.store.uploads.end(found.id, UploadState.REMOVED)
-        _file_of(service, found).remove()
+        _remove(service, _open(service, workspace, upload))
     return Response(status_code=204)
+
+
+def _remove(service: Service, upload: Upload) -> None:
+    service.store.uploads.end(upload.id, UploadState.REMOVED)
+    _file_of(service, upload).remove()
 
 
 async def _received(request: Request, service: Service, upload: Upload) -> Upload:

@@ -16,6 +16,7 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.files import file_answer
 from fusion.service.api.pages import After, Limit, next_link, page_of
 from fusion.service.api.routes.jobs import submitted
+from fusion.service.api.schemas import results, surfaces, work
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.jobs import JobKind
 from fusion.service.state import WORKSPACE_NAME
@@ -43,7 +44,7 @@ class WorkspaceRequest(BaseModel):
     body: str = Field(default="body", min_length=1, max_length=100)
 
 
-@routes.add("GET", "", KNOWN)
+@routes.add("GET", "", KNOWN, results.WORKSPACES)
 def workspaces(request: Request, after: After = "", limit: Limit = 100) -> Response:
     """List the workspaces that may be read."""
     caller = caller_of(request)
@@ -52,7 +53,7 @@ def workspaces(request: Request, after: After = "", limit: Limit = 100) -> Respo
     return json_answer(request, {"workspaces": [{"name": name} for name in shown]}, more)
 
 
-@routes.add("POST", "", ADMIN, status_code=202)
+@routes.add("POST", "", ADMIN, work.JOB, status_code=202)
 def make_workspace(request: Request, body: WorkspaceRequest) -> Response:
     """Make a workspace, by a job. With a shape or SPC files: upload them, and submit `init`."""
     service = service_of(request)
@@ -64,14 +65,14 @@ def make_workspace(request: Request, body: WorkspaceRequest) -> Response:
     return submitted(request, body.name, JobKind.INIT, {"body": body.body}, {})
 
 
-@routes.add("GET", "/{workspace}", READ)
+@routes.add("GET", "/{workspace}", READ, results.Overview)
 def workspace_overview(request: Request, workspace: str, solution: Solution = "") -> Response:
     """Return counts, stages and their state, main results, and problems of a workspace."""
     with opened_for(request, workspace, solution) as opened:
         return json_answer(request, overview(opened))
 
 
-@routes.add("GET", "/{workspace}/coverage", READ)
+@routes.add("GET", "/{workspace}/coverage", READ, surfaces.Coverage)
 def workspace_coverage(
     request: Request,
     workspace: str,
@@ -83,16 +84,16 @@ def workspace_coverage(
         return json_answer(request, coverage(opened, step_deg=step_deg))
 
 
-@routes.add("GET", "/{workspace}/outlines", READ)
+@routes.add("GET", "/{workspace}/outlines", READ, surfaces.Outlines)
 def workspace_outlines(
     request: Request, workspace: str, kind: SurfaceKind, solution: Solution = ""
 ) -> Response:
     """Return the squares that maplets, mapolas, fused maplets or bigmaps cover on the body."""
     with opened_for(request, workspace, solution) as opened:
-        return json_answer(request, outlines(opened, kind))
+        return json_answer(request, outlines(opened, kind, cache=service_of(request).cache))
 
 
-@routes.add("GET", "/{workspace}/files/{path:path}", READ)
+@routes.add("GET", "/{workspace}/files/{path:path}", READ, results.FILE)
 def workspace_file(request: Request, workspace: str, path: str) -> Response:
     """Return a file of a workspace, or a range of its bytes.
 
@@ -119,9 +120,8 @@ def _add_list(kind: ListKind) -> None:
         return json_answer(request, {kind.value: page.items, "total": page.total}, more)
 
     about = f"List the {kind.value} of a workspace."
-    routes.add("GET", f"/{{workspace}}/{kind.value}", READ, name=kind.value, description=about)(
-        listed
-    )
+    path, answer = f"/{{workspace}}/{kind.value}", results.LISTS[kind.value]
+    routes.add("GET", path, READ, answer, name=kind.value, description=about)(listed)
 
 
 for _kind in ListKind:

@@ -10,6 +10,8 @@ const ANCHORS = {
   grey: "000000 ffffff",
   // Blue below zero, brown above, white at zero.
   diverging: "001261 02467c 1f6f9a 68a1bf b5cfdc f4f2ee ddc2ac c88f6b ad5e2d 87290a 590008",
+  // As residuals are drawn by the service.
+  redblue: "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f",
 } as const;
 
 export type ColormapName = keyof typeof ANCHORS;

@@ -10,6 +10,7 @@ const main = document.getElementById("main")!;
 let opened = new AbortController();
 let names: string[] = [];
 let administrator = false;
+let scopes: Record<string, string> = {};
 
 /** Open the view that the address names; the one before ends. */
 async function open(): Promise<void> {
@@ -38,6 +39,10 @@ async function open(): Promise<void> {
 }
 
 function showHeader(route: Route): void {
+  // What only changes things is not shown to who may only read: see "run-only" in the styles.
+  document.body.classList.toggle("administrator", administrator);
+  const own = [scopes["*"], scopes[route.workspace]].filter((one) => one !== undefined);
+  document.body.classList.toggle("reader", own.length > 0 && own.every((one) => one === "read"));
   const shown = route.workspace ? NAVIGATION : administrator ? ADMINISTRATION : [];
   const links = shown.map(([view, title]) =>
     element("a", { href: hrefOf(route.workspace, view), "aria-current": route.view === view ? "page" : undefined }, title),
@@ -110,6 +115,7 @@ function showTokenEntry(root: HTMLElement, why: string): void {
 
 function forget(): void {
   setToken("");
+  scopes = {};
   administrator = false;
   void start();
 }
@@ -122,7 +128,8 @@ async function start(): Promise<void> {
       getJson<{ scopes: Record<string, string> }>("/caller"),
     ]);
     names = answer.workspaces.map((one) => one.name);
-    administrator = caller.scopes["*"] === "admin";
+    scopes = caller.scopes;
+    administrator = scopes["*"] === "admin";
     showHeader(routeOf(location.hash));
   } catch {
     // The view shows the problem; the choice has the open workspace alone.

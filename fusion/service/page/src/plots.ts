@@ -52,7 +52,7 @@ interface PointOptions {
 const HEIGHT = 260;
 const REACH_PX = 12;
 const GLYPHS = { circle: "●", cross: "✕", square: "■" };
-const MINUS = (values: number[]): string[] => values.map((value) => number(value, 6).replace(/(\.\d*?)0+(?=$|e)/, "$1").replace(/\.(?=$|e)/, ""));
+const MINUS = (values: (number | null)[]): string[] => values.map((value) => value === null ? "" : number(value, 6).replace(/(\.\d*?)0+(?=$|e)/, "$1").replace(/\.(?=$|e)/, ""));
 
 /** Draw lines over x, each with its band of sigma; `onCursor` hears the index under the cursor. */
 export function bandPlot(
@@ -62,6 +62,7 @@ export function bandPlot(
   labels: Labels,
   onCursor: (index: number | null) => void,
   signal: AbortSignal,
+  { logarithmic = false, stepX }: { logarithmic?: boolean; stepX?: number } = {},
 ): void {
   const data: (number | null)[][] = [x];
   const series: uPlot.Series[] = [{ label: labels.x, value: (_, value) => (value === null ? "–" : number(value, 4)) }];
@@ -81,15 +82,15 @@ export function bandPlot(
     const edge = (sign: number): Values => y.map((value, at) => (value === null || sigma[at] === null ? null : value + sign * sigma[at]!));
     data.push(edge(1), edge(-1));
     for (let edges = 0; edges < 2; edges++) {
-      series.push({ class: "edge", stroke: () => `${themed(colour)}55`, width: 1, points: { show: false } });
+      series.push({ class: "edge", stroke: () => themed(colour, 0.33), width: 1, points: { show: false } });
     }
-    drawn.push({ series: [k, k + 1], fill: () => `${themed(colour)}33` });
+    drawn.push({ series: [k, k + 1], fill: () => themed(colour, 0.2) });
   }
   make(root, data as uPlot.AlignedData, {
     series,
     bands: drawn,
-    axes: axes(labels),
-    scales: { x: { time: false } },
+    axes: axes(labels, undefined, stepX ? steps([x[0]!, x.at(-1)!], stepX) : undefined),
+    scales: { x: { time: false }, y: { distr: logarithmic ? 3 : 1 } },
     hooks: { setCursor: [(plot) => onCursor(plot.cursor.idx ?? null)] },
   }, signal);
 }
@@ -99,6 +100,7 @@ export function pointsPlot(root: HTMLElement, groups: Points[], labels: Labels, 
   const { levels = [], names, spanX, stepX, onPick } = options;
   const series: uPlot.Series[] = [{}, ...groups.map((group, k) => ({
     label: `${GLYPHS[group.shape]} ${group.label}`,
+    class: `ink${group.colour}`,
     stroke: () => themed(group.colour),
     facets: [{ scale: "x", auto: true }, { scale: "y", auto: true }],
     paths: (plot: uPlot) => {
@@ -109,7 +111,7 @@ export function pointsPlot(root: HTMLElement, groups: Points[], labels: Labels, 
   const made: Partial<uPlot.Options> = {
     mode: 2,
     series,
-    legend: { show: true, live: false },
+    legend: { show: true, live: false, markers: { show: false } },
     axes: axes(labels, names, spanX && stepX ? steps(spanX, stepX) : undefined),
     scales: {
       x: { time: false, range: () => spanX ?? spanOf(groups.flatMap((each) => each.x)) },
@@ -146,7 +148,7 @@ export function histogram(root: HTMLElement, values: number[], label: string, co
   const middles = numbers.map((_, k) => low + (k + 0.5) * step);
   const bars = uPlot.paths.bars!({ size: [0.94, 100] });
   make(root, [middles, numbers], {
-    series: [{ label, value: (_, value) => number(value, 4) }, { label: "number", stroke: () => themed(colour), fill: () => `${themed(colour)}88`, paths: bars, points: { show: false } }],
+    series: [{ label, value: (_, value) => number(value, 4) }, { label: "number", stroke: () => themed(colour), fill: () => themed(colour, 0.53), paths: bars, points: { show: false } }],
     axes: axes({ x: label, y: "number" }),
     scales: { x: { time: false, range: () => [low - 0.5 * step, high + 0.5 * step] }, y: { range: (_, __, most) => [0, most * 1.05 || 1] } },
     legend: { show: false },
@@ -168,7 +170,7 @@ function make(root: HTMLElement, data: uPlot.AlignedData, options: Partial<uPlot
 }
 
 function steps([low, high]: [number, number], step: number): number[] {
-  return Array.from({ length: Math.round((high - low) / step) + 1 }, (_, k) => low + k * step);
+  return Array.from({ length: Math.floor((high - low) / step + 1e-9) + 1 }, (_, k) => low + k * step);
 }
 
 function axes(labels: Labels, names?: string[], splits?: number[]): uPlot.Axis[] {
@@ -212,13 +214,13 @@ function drawPoints(plot: uPlot, group: Points, levels: Level[]): void {
   ctx.clip();
   for (const { y, sigma, colour } of levels) {
     const [high, middle, low] = [y + sigma, y, y - sigma].map((each) => plot.valToPos(each, "y", true)) as [number, number, number];
-    ctx.fillStyle = `${themed(colour)}2e`;
+    ctx.fillStyle = themed(colour, 0.18);
     ctx.fillRect(left, high, width, low - high);
     ctx.fillStyle = themed(colour);
     ctx.fillRect(left, middle - unit / 2, width, unit);
   }
   ctx.strokeStyle = themed(group.colour);
-  ctx.fillStyle = `${themed(group.colour)}aa`;
+  ctx.fillStyle = themed(group.colour, 0.67);
   ctx.lineWidth = 1.4 * unit;
   group.x.forEach((value, k) => {
     const [x, y] = place(value, group.y[k]!);

@@ -19,6 +19,10 @@ const TONES: Record<string, string> = {
   expired: "quiet",
   revoked: "quiet",
   open: "busy",
+  converged: "good",
+  diverged: "bad",
+  contradicts: "bad",
+  "sun-reversed": "bad",
 };
 
 /** Return names of stages in the order in which they run; unknown ones at the end. */

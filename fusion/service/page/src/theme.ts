@@ -31,9 +31,20 @@ export function themeSwitch(): HTMLElement {
   return select;
 }
 
-/** Return the value of a CSS variable, such as "--text", for drawings on a canvas. */
-export function themed(name: string): string {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** Return the colour of a CSS variable, such as "--text", for drawings on a canvas. */
+export function themed(name: string, opacity = 1): string {
+  // A variable itself may name two colours; as the colour of an element it is one of them.
+  const probe = element("span", { hidden: true });
+  probe.style.color = `var(${name})`;
+  document.body.append(probe);
+  const found = getComputedStyle(probe).color;
+  probe.remove();
+  return opacity < 1 ? found.replace(/^rgb\((.*)\)$/, `rgba($1, ${opacity})`) : found;
+}
+
+/** The letters of the page, for drawings on a canvas. */
+export function letters(): string {
+  return getComputedStyle(document.documentElement).getPropertyValue("--font").trim();
 }
 
 /** Call `draw` whenever the colours change, until the signal aborts. */

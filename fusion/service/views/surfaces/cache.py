@@ -7,6 +7,9 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from pathlib import Path
 
+from fusion.runtime import content_digest
+from fusion.runtime.folders import Remembered
+from fusion.service.views.surfaces.kept import KeptArrays
 from spcola.arrays import AnyArray
 from spcola.errors import WorkspaceError
 
@@ -31,6 +34,14 @@ def stamp_of(*paths: Path) -> Stamp:
     return tuple(found)
 
 
+def state_of(*folders: Path) -> str:
+    """Return what changes whenever a visible file of some folders does.
+
+    The files are listed, not opened: a thousandth of the time.
+    """
+    return content_digest([Remembered(folder).listing().files for folder in folders])
+
+
 class LayerCache:
     """The layers used last; usable from several threads.
 
@@ -38,16 +49,24 @@ class LayerCache:
     ----------
     most_bytes : int
         Of all arrays together; the one used longest ago is dropped first.
+    folder : Path, optional
+        Where those that took long to make are kept in files as well.
     """
 
-    def __init__(self, most_bytes: int = 1 << 29) -> None:
+    def __init__(self, most_bytes: int = 1 << 29, folder: Path | None = None) -> None:
+        self._files = None if folder is None else KeptArrays(folder)
         self._most, self._bytes = most_bytes, 0
         self._kept: OrderedDict[Hashable, AnyArray] = OrderedDict()
         self._lock = threading.Lock()
         self._making: dict[Hashable, threading.Lock] = {}
 
     def find(
-        self, key: Hashable, part: Hashable, make: Callable[[], dict[Hashable, AnyArray]]
+        self,
+        key: Hashable,
+        part: Hashable,
+        make: Callable[[], dict[Hashable, AnyArray]],
+        *,
+        slow: bool = False,
     ) -> AnyArray:
         """Return the array `part` of what `make` gives, made once for each `key`.
 
@@ -59,6 +78,8 @@ class LayerCache:
             One of their keys.
         make : callable
             Makes all of them; another thread that asks for the same key waits.
+        slow : bool
+            Whether that takes long: they are kept in a file, too.
         """
         found = self._get((key, part))
         if found is not None:
@@ -69,7 +90,7 @@ class LayerCache:
             with making:
                 found = self._get((key, part))
                 if found is None:
-                    made = make()
+                    made = self._made(key, make) if slow else make()
                     for name, values in made.items():
                         self._put((key, name), values)
                     found = made[part]
@@ -77,6 +98,18 @@ class LayerCache:
             with self._lock:
                 self._making.pop(key, None)
         return found
+
+    def _made(
+        self, key: Hashable, make: Callable[[], dict[Hashable, AnyArray]]
+    ) -> dict[Hashable, AnyArray]:
+        """Return the arrays of a key from their file, or made, and then kept in it."""
+        if self._files is None:
+            return make()
+        made = self._files.find(key)
+        if made is None:
+            made = make()
+            self._files.keep(key, made)
+        return made
 
     def _get(self, key: Hashable) -> AnyArray | None:
         with self._lock:

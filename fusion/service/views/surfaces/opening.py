@@ -24,7 +24,12 @@ from spcola.errors import WorkspaceError
 
 _FUSED_LAYERS = ("height", "sigma", "albedo", "count", "source")
 _MAPOLA_LAYERS = ("height", "sigma", "count")
-BIGMAP_FOLDERS = {"fused": "bigmaps", "spc": "bigmaps/maplets", "lidar": "bigmaps/returns"}
+BIGMAP_FOLDERS = {
+    "fused": "bigmaps",
+    "spc": "bigmaps/maplets",
+    "lidar": "bigmaps/returns",
+    "albedo": "bigmaps/albedo",
+}
 """Folders of bigmaps by what they are made of."""
 _PAIRS = {"spc": "maplets", "lidar": "returns"}
 _DTM_READERS = {".fits": read_fits_dtm, ".tif": read_geotiff}
@@ -33,8 +38,9 @@ _DTM_READERS = {".fits": read_fits_dtm, ".tif": read_geotiff}
 class SurfaceKind(StrEnum):
     """What a surface is.
 
-    A bigmap is named ``SITE:fused``, ``SITE:spc`` or ``SITE:lidar``, one of a pair ``IMAGE:spc``
-    or ``IMAGE:lidar``, and a released terrain model by its maplet or site.
+    A bigmap is named ``SITE:fused``, ``SITE:spc``, ``SITE:lidar`` or, the fused one with solved
+    albedo, ``SITE:albedo``; one of a pair ``IMAGE:spc`` or ``IMAGE:lidar``; and a released terrain
+    model by its maplet or site.
     """
 
     MAPLET = "maplet"

@@ -179,8 +179,10 @@ def _read_layers(surface: Surface) -> tuple[str, ...]:
 def _places(surface: Surface, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:
     """Return rows and columns (N,) of points, as fractions, refused outside the grid."""
     grid = surface.grid
-    rows = grid.half_size - np.asarray(y, dtype=np.float64) / grid.gsd
-    columns = grid.half_size + np.asarray(x, dtype=np.float64) / grid.gsd
+    # A number near the largest one there is overflows: that is outside too.
+    with np.errstate(over="ignore"):
+        rows = grid.half_size - np.asarray(y, dtype=np.float64) / grid.gsd
+        columns = grid.half_size + np.asarray(x, dtype=np.float64) / grid.gsd
     last = grid.size - 1
     # A client that computes the rim with other digits means the rim.
     rim = 1e-6

@@ -9,6 +9,7 @@ from fusion.workspace.settings.processing.surfaces import (
     BigmapSettings,
     BigmapSite,
     FuseSettings,
+    LithosSettings,
     MapolaSettings,
     ReleaseSettings,
 )
@@ -18,6 +19,7 @@ __all__ = [
     "BigmapSettings",
     "BigmapSite",
     "FuseSettings",
+    "LithosSettings",
     "MapolaSettings",
     "RegisterSettings",
     "ReleaseSettings",

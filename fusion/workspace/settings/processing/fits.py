@@ -43,7 +43,8 @@ class RegisterSettings(Table):
     )
     photometry: Text = Field(
         default="lunar-lambert",
-        description="photometric function of the rendering",
+        description="photometric function of the rendering: its name, and parameters such as "
+        "minnaert k=0.6",
     )
     max_images: Annotated[int, Span(2, 1_000_000)] = Field(
         default=20, description="most images in which a mapola is matched"

@@ -16,9 +16,11 @@ from fusion.workspace.settings.ranges import (
     Seed,
     Sigma,
     SigmaDegrees,
+    SigmaOrNone,
     Sigmas,
     Size,
     Span,
+    Text,
     Turn,
 )
 from fusion.workspace.settings.table import Table
@@ -84,6 +86,48 @@ class FuseSettings(Table):
         default="auto",
         description="where SPC observed slopes: by the frames of its images, by their Sun alone, "
         "or everywhere (none); auto: images, if maplets lie in three or more",
+    )
+
+
+class LithosSettings(Table):
+    """[lithos]: slopes, albedo and heights of maplets from the brightness of their images."""
+
+    constraints: list[Literal["shape", "overlaps", "lidar"]] = Field(
+        default=["shape"],
+        max_length=20,
+        description="heights that constrain the integration: the shape, overlapping maplets, "
+        "registered mapolas",
+    )
+    shape_sigma_m: SigmaOrNone = Field(
+        default=0.0, description="sigma of the shape's heights; 0: the GSD of a maplet"
+    )
+    max_images: Annotated[int, Span(2, 10_000)] = Field(
+        default=50, description="most images of a maplet"
+    )
+    photometry: Text = Field(
+        default="",
+        description="photometric function with its parameters; empty: that of [register]",
+    )
+    psf_px: Annotated[float, Span(0.0, 10.0)] = Field(
+        default=0.0, description="sigma of the optics' point spread, pixels"
+    )
+    albedo_sigma: Annotated[float, Span(1e-6, 1.0)] = Field(
+        default=0.05, description="expected scatter of the relative albedo"
+    )
+    albedo_mean: Literal["1", "0.5"] = Field(
+        default="1",
+        description="mean relative albedo of a maplet; the largest is 2 with 1, and 2.55 with 0.5",
+    )
+    albedo_range: Annotated[float, Span(0.0, 1000.0)] = Field(
+        default=0.0,
+        description="largest distance of an albedo from the median, in its robust standard "
+        "deviations over the maplet; 0: none",
+    )
+    slope_sigma: Annotated[float, Span(1e-6, 10.0)] = Field(
+        default=0.3, description="expected scatter of slopes about those of the start"
+    )
+    rounds: Annotated[int, Span(1, 1000)] = Field(
+        default=8, description="most rounds of each of three GSDs, coarse to fine"
     )
 
 

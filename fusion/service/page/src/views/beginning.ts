@@ -97,7 +97,7 @@ export function newWorkspace(signal: AbortSignal): HTMLElement {
   const line = (title: string, ...inputs: HTMLElement[]): HTMLElement => element("div", { class: "field" }, element("label", { for: inputs[0]!.id }, title), element("span", {}, ...inputs));
   return element(
     "details",
-    { class: "below" },
+    { class: "below admin-only" },
     element("summary", {}, "New workspace"),
     element(
       "form",

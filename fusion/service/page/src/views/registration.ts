@@ -72,8 +72,14 @@ async function scanTable(workspace: string, signal: AbortSignal): Promise<ScanTa
   return getJson<ScanTable>(pathOf(workspace, "tables", "registration-scans"), { signal });
 }
 
-function summary({ model, verdict, n_used: used, n_rejected: rejected }: Residuals): HTMLElement {
-  const text = `Model ${model}: ${used} matches used, ${rejected} rejected${verdict ? `; ${verdict}` : ""}.`;
+function summary({ model, verdict, n_used: used, n_rejected: rejected, matches }: Residuals): HTMLElement {
+  // Those that were never matched have no residual: the plots cannot show them.
+  const without = matches.filter((match) => !match.used && typeof match.size_m !== "number");
+  const causes = new Map<string, number>();
+  for (const { cause } of without) causes.set(cause ?? "other", (causes.get(cause ?? "other") ?? 0) + 1);
+  const listed = [...causes].map(([cause, count]) => `${count} ${cause}`).join(", ");
+  const missing = listed ? `, of which without a residual: ${listed}` : "";
+  const text = `Model ${model}: ${used} matches used, ${rejected} rejected${missing}${verdict ? `; ${verdict}` : ""}.`;
   return element("p", {}, text, " Residuals are those of the mapolas against the maplets.");
 }
 

@@ -91,6 +91,9 @@ function described(one: Solution, tree: Tree, workspace: string): HTMLElement {
       ["made by", one.made_by],
       ...(one.made ? [["made", moment(one.made)] as [string, Child]] : []),
       ...own.map(([key, value]): [string, Child] => [key.replace(/_/g, " "), factText(key, value, one.facts)]),
+      ...("lithos" in one.facts
+        ? [["maplets and images", element("a", { href: hrefOf(workspace, "photoclinometry", [], { solution: one.name }) }, "goodness of fit")] as [string, Child]]
+        : []),
       ...(one.parent
         ? [
             [
@@ -106,7 +109,7 @@ function described(one: Solution, tree: Tree, workspace: string): HTMLElement {
 /** Return links to the forms of what can be done with a solution. */
 function actions({ name }: Solution, tree: Tree, workspace: string): HTMLElement {
   const inUse = name === tree.in_use;
-  const link = (title: string, kind: string): HTMLElement => element("a", { href: hrefOf(workspace, "jobs", ["new", kind], { name }), "aria-label": `${title} ${name}` }, title);
+  const link = (title: string, kind: string): HTMLElement => element("a", { class: "run-only", href: hrefOf(workspace, "jobs", ["new", kind], { name }), "aria-label": `${title} ${name}` }, title);
   return element("span", { class: "links" }, !inUse && link("Use", "solution-use"), link("Export", "solution-export"), !inUse && name !== tree.solutions[0]!.name && link("Remove", "solution-remove"));
 }
 

@@ -12,7 +12,7 @@ import type { BodyMesh } from "./mesh";
 import { outlinesOf, squareAt, type Outline, type OutlineTable } from "./outlines";
 import { BodyScene, canDraw } from "./scene";
 import { addTurning } from "./turning";
-import { bodyLayers, rangeOf, valuesOf } from "./values";
+import { asked, bodyLayers, rangeOf, valuesOf } from "./values";
 
 const KINDS: [kind: string, title: string, ink: [number, number, number]][] = [
   ["maplet", "Maplets", [0.0, 0.45, 0.7]],
@@ -30,14 +30,17 @@ export const body: View = {
     }
     const waiting = element("p", { class: "waiting", role: "status" }, "The shape is loading …");
     fill(root, element("section", { class: "panel" }, element("h1", {}, "Body"), waiting), element("div", { class: "stage" }));
-    const asked = Number(route.query.get("facets"));
-    const facets = asked >= 100 ? Math.min(asked, 1 << 24) : MOST_FACETS;
+    const wanted = Number(route.query.get("facets"));
+    const facets = wanted >= 100 ? Math.min(wanted, 1 << 24) : MOST_FACETS;
     const squares = new Map(chosenOf(route).map((kind) => [kind, squaresOf(route, kind, signal)]));
-    const [layers, loaded] = await Promise.all([
-      bodyLayers(route.workspace, signal),
-      loadMesh(route.workspace, facets, signal),
-    ]);
-    const shown = new BodyPage(root, route, { mesh: loaded.mesh, layers, facets, squares }, signal);
+    const known = bodyLayers(route.workspace, signal);
+    // Values and mesh come at the same time.
+    const first = known.then((layers) =>
+      asked(route.workspace, layers.find(({ name }) => name === route.query.get("layer")), facets, signal),
+    );
+    first.catch(() => undefined);
+    const [layers, loaded] = await Promise.all([known, loadMesh(route.workspace, facets, signal)]);
+    const shown = new BodyPage(root, route, { mesh: loaded.mesh, layers, facets, first, squares }, signal);
     root.dataset.fetchedMs = loaded.fetched.toFixed(0);
     root.dataset.preparedMs = loaded.prepared.toFixed(0);
     await shown.start();
@@ -48,6 +51,8 @@ interface Content {
   mesh: BodyMesh;
   layers: Awaited<ReturnType<typeof bodyLayers>>;
   facets: number;
+  /** Values of the layer that the address names, asked for together with the mesh; null if it has none. */
+  first: Promise<Float32Array | null> | null;
   /** Outlines that the address names, asked for together with the mesh. */
   squares: Map<string, Promise<Outline[]>>;
 }
@@ -73,6 +78,7 @@ class BodyPage {
     "aria-label": "The body. Arrow keys turn it, plus and minus zoom, Home resets; Shift makes smaller steps.",
   });
   private readonly readout = element("output", { class: "readout" });
+  private readonly status = element("p", { class: "waiting", role: "status" });
   private readonly bar = new ScaleBar();
   private readonly scene: BodyScene;
   private readonly controls: LookControls;
@@ -96,11 +102,12 @@ class BodyPage {
       layers,
       route.query,
       (layer) => rangeOf(layer, this.values),
-      (look, changed) => void this.show(look, changed),
+      (look, changed) => void this.show(look, changed).catch((error: unknown) => {
+        this.status.textContent = error instanceof ApiProblem ? error.line : String(error);
+      }),
     );
     this.fillRoot();
     root.dataset.facets = String(mesh.faces.length / 3);
-    root.dataset.coarseFacets = String(mesh.coarse.length / 3);
     this.scene = new BodyScene(this.canvas, mesh, (cost) => (root.dataset.frameMs = cost.toFixed(1)));
     signal.addEventListener("abort", () => {
       clearTimeout(this.saving);
@@ -128,10 +135,12 @@ class BodyPage {
     signal.addEventListener("abort", () => sizes.disconnect());
     this.scene.shine(this.light);
     this.turn(this.look);
-    await this.show(this.controls.look, true);
-    this.root.dataset.ready = "true";
     this.root.dataset.shownMs = performance.now().toFixed(0);
-    await Promise.all(chosenOf(this.route).map((kind) => this.outline(kind, true)));
+    const layer = this.show(this.controls.look, true);
+    await Promise.all([layer, ...chosenOf(this.route).map((kind) => this.outline(kind, true))]);
+    if (this.signal.aborted) return;
+    await this.scene.whole();
+    this.root.dataset.ready = "true";
   }
 
   private get first(): Look {
@@ -145,6 +154,7 @@ class BodyPage {
       { class: "panel", "aria-label": "Layers and outlines" },
       element("h1", {}, "Body"),
       this.controls.root,
+      this.status,
       this.lightBox(),
       this.outlineBox(),
       this.search(),
@@ -183,8 +193,12 @@ class BodyPage {
     const { layer } = look;
     if (changed) {
       const { mesh, facets } = this.content;
-      const found = await valuesOf(this.route.workspace, layer, mesh, facets, this.signal);
+      this.status.textContent = layer.name === "hillshade" ? "" : "The layer is loading …";
+      const early = await this.content.first;
+      this.content.first = null;
+      const found = early ?? (await valuesOf(this.route.workspace, layer, mesh, facets, this.signal));
       if (this.signal.aborted || this.controls.look.layer !== layer) return;
+      this.status.textContent = "";
       this.values = found;
       this.scene.setValues(found);
       this.controls.render();
@@ -199,9 +213,9 @@ class BodyPage {
     if (!shown) this.squares.delete(kind);
     else {
       const { squares } = this.content;
-      const asked = squares.get(kind) ?? squaresOf(this.route, kind, this.signal);
+      const early = squares.get(kind) ?? squaresOf(this.route, kind, this.signal);
       squares.delete(kind);
-      this.squares.set(kind, await asked);
+      this.squares.set(kind, await early);
     }
     if (this.signal.aborted) return;
     this.scene.outline(kind, this.squares.get(kind) ?? [], KINDS.find(([each]) => each === kind)![2]);

@@ -9,8 +9,8 @@ export interface BodyMesh {
   normals: Int8Array;
   /** (F, 3) vertices of facets, counter-clockwise seen from outside. */
   faces: Uint32Array;
-  /** Facets between fewer of the same vertices, for turning on a slow machine; may be all. */
-  coarse: Uint32Array;
+  /** Facets between ever fewer of the same vertices, for turning on a slow machine; may be all. */
+  coarse: Uint32Array[];
   /** Mean distances from the body's origin, `rows` from the south pole × 2 `rows` from 0° east. */
   radii: Float32Array;
   rows: number;
@@ -24,8 +24,8 @@ interface Header {
   center_m: [number, number, number];
 }
 
-// Vertices of the coarse mesh, about.
-const COARSE = 20_000;
+// Vertices of the coarse meshes, about.
+const COARSE = [20_000, 5_000];
 
 /** Read the mesh of the route "shape". */
 export function meshOf(bytes: ArrayBuffer): BodyMesh {
@@ -36,7 +36,8 @@ export function meshOf(bytes: ArrayBuffer): BodyMesh {
   const positions = new Float32Array(bytes, begin, 3 * header.vertices).slice();
   const faces = new Uint32Array(bytes, begin + positions.byteLength, 3 * header.faces).slice();
   const { radii, rows, radius } = radiiOf(positions, header.center_m);
-  const coarse = coarseOf(positions, faces);
+  const coarse: Uint32Array[] = [];
+  for (const wanted of COARSE) coarse.push(coarseOf(positions, coarse.at(-1) ?? faces, wanted));
   return { center: header.center_m, positions, normals: normalsOf(positions, faces), faces, coarse, radii, rows, radius };
 }
 
@@ -77,14 +78,14 @@ export function normalsOf(positions: Float32Array, faces: Uint32Array): Int8Arra
   return normals;
 }
 
-/** Return facets between one vertex of each cell of a cubic grid. */
-export function coarseOf(positions: Float32Array, faces: Uint32Array): Uint32Array {
+/** Return facets between about as many vertices as are `wanted`: one vertex of each cell of a cubic grid. */
+export function coarseOf(positions: Float32Array, faces: Uint32Array, wanted: number): Uint32Array {
   const count = positions.length / 3;
-  if (count <= 2 * COARSE) return faces.slice();
+  if (faces.length / 6 <= 2 * wanted) return faces.slice();
   let reach = 0;
   for (const each of positions) reach = Math.max(reach, Math.abs(each));
   // A closed surface crosses about 6 n² of (n + n)³ cells.
-  const n = Math.ceil(Math.sqrt(COARSE / 12));
+  const n = Math.ceil(Math.sqrt(wanted / 12));
   const step = reach / n;
   const first = new Int32Array((2 * n + 1) ** 3).fill(-1);
   const chosen = new Uint32Array(count);

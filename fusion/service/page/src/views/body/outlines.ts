@@ -41,6 +41,11 @@ export function outlinesOf(table: OutlineTable): Outline[] {
   }));
 }
 
+/** Draw fewer lines, or all. */
+export function simplify({ geometry }: LineSegments, fewer: boolean): void {
+  geometry.setIndex(fewer ? (geometry.userData.few as BufferAttribute) : null);
+}
+
 /** Return the lines of squares; their material's `eye` is the direction of the camera. */
 export function linesOf(squares: Outline[], mesh: BodyMesh, ink: [number, number, number]): LineSegments {
   const positions = new Float32Array(squares.length * 4 * PARTS * 6);
@@ -59,6 +64,10 @@ export function linesOf(squares: Outline[], mesh: BodyMesh, ink: [number, number
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   geometry.setAttribute("outward", new BufferAttribute(outward, 3));
+  // While the body turns: four straight lines for each square.
+  const few = new Uint32Array(8 * squares.length);
+  for (let k = 0; k < few.length; k++) few[k] = 8 * PARTS * (k >> 3) + 2 * PARTS * (((k + 1) >> 1) & 3);
+  geometry.userData.few = new BufferAttribute(few, 1);
   const material = new ShaderMaterial({
     glslVersion: GLSL3,
     vertexShader: LINE_VERTEX,

@@ -6,14 +6,15 @@ import {
 } from "three";
 import type { Rgb } from "../../colormaps";
 import { setCamera, towards, type Look } from "./camera";
+import { DetailChoice, DETAILS } from "./detail";
 import type { BodyMesh } from "./mesh";
-import { linesOf, type Outline } from "./outlines";
+import { linesOf, simplify, type Outline } from "./outlines";
 import { FRAGMENT, NOTHING, PICK_FRAGMENT, VERTEX } from "./shaders";
+import { SmoothPicture } from "./smooth";
 
-// Above this time for a frame the coarse mesh is turned instead, with fewer pixels.
-const SLOW_MS = 40;
 const SETTLED_MS = 180;
-const ROUGH = 0.5;
+// Every so many frames one is timed, and a new detail twice: waiting for a picture takes time, too.
+const TIMED = 6;
 
 /** How a layer is drawn. */
 export interface Painted {
@@ -48,13 +49,15 @@ export class BodyScene {
   private readonly picking: ShaderMaterial;
   private readonly surface: Mesh;
   private readonly target = new WebGLRenderTarget(1, 1, { type: FloatType, format: RGBAFormat });
-  private readonly full: BufferAttribute;
-  private readonly coarse: BufferAttribute;
+  private readonly meshes: BufferAttribute[];
+  private readonly smooth = new SmoothPicture();
+  private readonly choice = new DetailChoice();
   private readonly lines = new Map<string, LineSegments>();
-  /** Milliseconds that a frame of the whole mesh takes: the least so far, as the first one hands it over, too. */
-  private cost = Number.POSITIVE_INFINITY;
-  /** Drawn with fewer facets and pixels, as while turning on a slow machine. */
-  private rough = true;
+  /** Which of the details is drawn. Until all is there it is a coarse one: something is seen at once. */
+  private detail = this.choice.at;
+  private frames = 0;
+  private awaited: (() => void) | null = null;
+  private loading = true;
   private look: Look = { longitude: 0, latitude: 0, width: 1 };
   private light: Vector3 | null = null;
   private asked = 0;
@@ -65,14 +68,13 @@ export class BodyScene {
     readonly mesh: BodyMesh,
     private readonly measured: (cost: number) => void,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({ canvas, antialias: false, alpha: true, powerPreference: "high-performance" });
     this.renderer.setClearColor(0, 0);
-    this.full = new BufferAttribute(mesh.faces, 1);
-    this.coarse = new BufferAttribute(mesh.coarse, 1);
+    this.meshes = [mesh.faces, ...mesh.coarse].map((faces) => new BufferAttribute(faces, 1));
     this.geometry.setAttribute("position", new BufferAttribute(mesh.positions, 3));
     this.geometry.setAttribute("normal", new BufferAttribute(mesh.normals, 4, true));
     this.setValues(null);
-    this.geometry.setIndex(this.coarse);
+    this.geometry.setIndex(this.meshes[1]!);
     const uniforms = {
       table: { value: tableTexture([[128, 128, 128]]) },
       range: { value: new Vector2(0, 1) },
@@ -95,15 +97,25 @@ export class BodyScene {
   /** Look from elsewhere; while this goes on a slow machine draws fewer facets. */
   turn(look: Look): void {
     this.look = look;
-    // Also as long as nobody knows how fast it is: so that something is seen at once.
-    this.rough = this.cost > SLOW_MS;
-    if (this.rough) this.geometry.setIndex(this.coarse);
+    this.detail = this.choice.at;
     clearTimeout(this.settling);
-    this.settling = window.setTimeout(() => {
-      this.rough = false;
-      this.geometry.setIndex(this.full);
-      this.draw();
-    }, SETTLED_MS);
+    if (!this.loading) this.settling = window.setTimeout(() => this.settle(), SETTLED_MS);
+    this.draw();
+  }
+
+  /** Draw all there is; resolves when it is drawn. */
+  whole(): Promise<void> {
+    this.loading = false;
+    return new Promise((resolve) => {
+      this.awaited = resolve;
+      this.settle();
+    });
+  }
+
+  private settle(): void {
+    clearTimeout(this.settling);
+    this.choice.fade();
+    this.detail = 0;
     this.draw();
   }
 
@@ -192,6 +204,7 @@ export class BodyScene {
     this.material.dispose();
     this.picking.dispose();
     this.target.dispose();
+    this.smooth.close();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
   }
@@ -201,20 +214,31 @@ export class BodyScene {
     this.fit();
     setCamera(this.camera, this.look, this.canvas.clientWidth / this.canvas.clientHeight, this.mesh.radius);
     this.shineAndFace();
+    const { detail } = this;
+    this.geometry.setIndex(this.meshes[DETAILS[detail]!.mesh]!);
+    for (const each of this.lines.values()) simplify(each, detail > 0);
     const begin = performance.now();
-    this.renderer.render(this.scene, this.camera);
-    if (!this.rough && this.cost > SLOW_MS) {
-      const gl = this.renderer.getContext();
-      // Waits until the picture is there.
-      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-      this.cost = Math.min(this.cost, performance.now() - begin);
-      this.measured(this.cost);
-    }
+    if (detail > 0) this.renderer.render(this.scene, this.camera);
+    else this.smooth.render(this.renderer, this.scene, this.camera);
+    if (this.frames++ % TIMED < 2) this.time(begin);
+    if (detail > 0 || !this.awaited) return;
+    this.awaited();
+    this.awaited = null;
+  }
+
+  /** Time the frame that has begun, and choose the detail of the next one after it. */
+  private time(begin: number): void {
+    const gl = this.renderer.getContext();
+    // Waits until the picture is there.
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    const cost = performance.now() - begin;
+    if (this.detail === 0) this.measured(cost);
+    if (this.choice.note(this.detail, cost)) this.frames = 0;
   }
 
   private fit(): void {
     const { clientWidth, clientHeight } = this.canvas;
-    const ratio = Math.min(2, devicePixelRatio) * (this.rough ? ROUGH : 1);
+    const ratio = Math.min(2, devicePixelRatio) * DETAILS[this.detail]!.ratio;
     const size = this.renderer.getSize(new Vector2());
     if (size.x === clientWidth && size.y === clientHeight && this.renderer.getPixelRatio() === ratio) return;
     this.renderer.setPixelRatio(ratio);

@@ -63,19 +63,31 @@ void main() {
 export const LINE_VERTEX = /* glsl */ `
 in vec3 outward;
 uniform vec3 eye;
-out float vFacing;
 void main() {
-  vFacing = dot(outward, eye);
-  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  float vFacing = dot(outward, eye);
+  // Both ends of a line have the same "outward": those of the far side are not drawn at all.
+  gl_Position = vFacing < 0.12 ? vec4(2.0, 2.0, 2.0, 1.0) : projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
 
 export const LINE_FRAGMENT = /* glsl */ `
 precision highp float;
-in float vFacing;
 uniform vec3 ink;
 uniform float opacity;
 out vec4 colour;
 void main() {
-  if (vFacing < 0.12) discard;
   colour = vec4(ink, opacity);
+}`;
+
+export const COPY_VERTEX = /* glsl */ `
+in vec3 position;
+void main() {
+  gl_Position = vec4(position.xy, 0.0, 1.0);
+}`;
+
+export const COPY_FRAGMENT = /* glsl */ `
+precision highp float;
+uniform sampler2D picture;
+out vec4 colour;
+void main() {
+  colour = texelFetch(picture, ivec2(gl_FragCoord.xy), 0);
 }`;

@@ -16,6 +16,17 @@ export async function bodyLayers(workspace: string, signal: AbortSignal): Promis
   return [SHADE, ...layers, RADIUS];
 }
 
+/** Ask for the values of a layer that the service has; null if the page makes them itself. */
+export function asked(
+  workspace: string,
+  layer: LayerAbout | undefined,
+  facets: number,
+  signal: AbortSignal,
+): Promise<Float32Array> | null {
+  if (!layer || layer === SHADE || layer === RADIUS) return null;
+  return getFloats(`${pathOf(workspace, "shape", "layers", layer.name)}?facets=${facets}`, { signal });
+}
+
 /** Return the values (V,) of a layer; null if it has none. */
 export async function valuesOf(
   workspace: string,
@@ -24,9 +35,7 @@ export async function valuesOf(
   facets: number,
   signal: AbortSignal,
 ): Promise<Float32Array | null> {
-  if (layer.name === "hillshade") return null;
-  if (layer.name === "radius") return radiusOf(mesh);
-  return getFloats(`${pathOf(workspace, "shape", "layers", layer.name)}?facets=${facets}`, { signal });
+  return layer === RADIUS ? radiusOf(mesh) : asked(workspace, layer, facets, signal);
 }
 
 /** Return the range of colours for values, by the rules of the maps; [0, 1] if none is known. */

@@ -19,7 +19,7 @@ export async function showKinds(root: HTMLElement, { workspace }: Route, signal:
     element("h1", {}, "Other jobs"),
     element(
       "dl",
-      { class: "kinds" },
+      { class: "kinds run-only" },
       ...shown.flatMap(([kind, title]) => [
         element("dt", {}, element("a", { href: hrefOf(workspace, "jobs", ["new", kind]) }, title)),
         element("dd", {}, plain(kinds.get(kind)!.parameters.description), " ", element("code", { class: "quiet" }, `spcola ${kinds.get(kind)!.command}`)),
@@ -75,7 +75,7 @@ export async function showForm(root: HTMLElement, route: Route, name: string, si
     element("p", {}, element("a", { href: hrefOf(workspace, "jobs", ["new", "others"]) }, "Other jobs")),
     element("h1", {}, TITLES[name]!),
     element("p", {}, plain(kind.parameters.description), " As ", element("code", {}, `spcola ${kind.command}`), "."),
-    element("form", { class: "form", onsubmit: (event: Event) => void submit(event), oninput: () => (key = newKey()) }, ...[...panels].map(panel), element("div", { class: "row" }, button)),
+    element("form", { class: "form run-only", onsubmit: (event: Event) => void submit(event), oninput: () => (key = newKey()) }, ...[...panels].map(panel), element("div", { class: "row" }, button)),
     answer,
   );
 

@@ -1,4 +1,5 @@
 // Jobs: their list, one of them with its log, a new run, forms of other jobs, uploads and outputs.
+import { element } from "../../dom";
 import type { View } from "../../router";
 import { showForm, showKinds } from "./form";
 import { showJob } from "./job";
@@ -18,5 +19,8 @@ export const jobs: View = {
     else if (what === "new") await showSubmission(root, route, signal);
     else if (what === "uploads") await showUploads(root, route, signal);
     else await showJob(root, route, what, signal);
+    root.querySelector("h1")?.after(
+      element("p", { class: "reader-only", role: "note" }, `This token may read ${route.workspace}, not run jobs in it: ask the administrator for one with the scope run.`),
+    );
   },
 };

@@ -68,7 +68,7 @@ export async function showJob(root: HTMLElement, route: Route, id: string, signa
 
   function drawHead(): void {
     const focused = head.contains(document.activeElement);
-    const button = !ended(job) && element("button", { type: "button", disabled: job.cancelling, onclick: () => void cancel() }, "Cancel");
+    const button = !ended(job) && element("button", { type: "button", class: "run-only", disabled: job.cancelling, onclick: () => void cancel() }, "Cancel");
     fill(
       head,
       facts([
@@ -91,7 +91,7 @@ export async function showJob(root: HTMLElement, route: Route, id: string, signa
           `${job.error.item ? `Item ${job.error.item}: ` : ""}${job.error.text} (${job.error.code})`,
         ),
       button && element("p", {}, button),
-      ended(job) && job.kind in TITLES && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["new", job.kind], { again: job.id }) }, "Again, with changes")),
+      ended(job) && job.kind in TITLES && element("p", { class: "run-only" }, element("a", { href: hrefOf(route.workspace, "jobs", ["new", job.kind], { again: job.id }) }, "Again, with changes")),
       job.state === "finished" && WRITING.some((name) => typeof job.parameters[name] === "string") && element("p", {}, element("a", { href: hrefOf(route.workspace, "jobs", ["outputs"]) }, "Outputs of jobs")),
     );
     if (focused && button) button.focus();

@@ -33,6 +33,12 @@ export const TITLES: Record<string, string> = {
   "camera-convert": "Convert a camera",
   "camera-calibrate": "Calibrate a camera",
   "scale-apply": "Apply the scale",
+  "photometry-fit": "Fit photometric functions",
+  "spc-tile": "Tile with finer maplets",
+  "spc-register": "Fit states of images",
+  "spc-lithos": "Solve maplets from images",
+  "fuse-images": "Fuse images and lidar",
+  "spc-albedo": "Solve albedo on known topography",
   "solution-use": "Use a solution",
   "solution-export": "Export a solution",
   "solution-remove": "Remove a solution",
@@ -57,7 +63,7 @@ export const OF_NEW = new Set(["body", "shape", "shape_unit", "faces_from"]);
 export const OPEN = new Set(["States and cameras", "New .SUM files"]);
 
 const SENT: Record<string, string> = {
-  kernel: "kernel", pck: "kernel", camera: "camera", dark: "image", flat: "image", image: "image",
+  kernel: "kernel", pck: "kernel", camera: "camera", dark: "image", flat: "image", image: "image", companions: "image",
   poses: "table", times: "table", table: "table", catalogue: "table", attitudes: "table", stars: "table",
 };
 const COMMAND_FILES: Record<string, string> = { import: "scan", images: "image", init: "spc", "camera-convert": "kernel" };

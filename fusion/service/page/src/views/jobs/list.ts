@@ -28,8 +28,8 @@ export async function showJobs(root: HTMLElement, route: Route, signal: AbortSig
     element(
       "div",
       { class: "row" },
-      element("a", { class: "button main", href: hrefOf(workspace, "jobs", ["new"]) }, "New run"),
-      element("a", { class: "button", href: hrefOf(workspace, "jobs", ["new", "others"]) }, "Other jobs"),
+      element("a", { class: "button main run-only", href: hrefOf(workspace, "jobs", ["new"]) }, "New run"),
+      element("a", { class: "button run-only", href: hrefOf(workspace, "jobs", ["new", "others"]) }, "Other jobs"),
       element("a", { class: "button", href: hrefOf(workspace, "jobs", ["uploads"]) }, "Uploads"),
       element("a", { class: "button", href: hrefOf(workspace, "jobs", ["outputs"]) }, "Outputs"),
       element("label", { for: "state" }, "State"),
@@ -120,7 +120,7 @@ function listed(jobs: Job[], workspace: string, cancel: (job: Job) => void): HTM
           !ended(job) &&
           element(
             "button",
-            { type: "button", class: "small", disabled: job.cancelling, "data-job": `cancel-${job.id}`, "aria-label": `Cancel ${job.id}`, onclick: () => cancel(job) },
+            { type: "button", class: "small run-only", disabled: job.cancelling, "data-job": `cancel-${job.id}`, "aria-label": `Cancel ${job.id}`, onclick: () => cancel(job) },
             "Cancel",
           ),
       },

@@ -37,7 +37,7 @@ export async function showOutputs(root: HTMLElement, { workspace }: Route, signa
         { title: "Size", number: true, by: ([, own]) => sizeOf(own), cell: ([, own]) => bytes(sizeOf(own)) },
         {
           title: "Remove",
-          cell: ([name]) => element("button", { type: "button", class: "small", "aria-label": `Remove ${name}`, onclick: () => void remove(name) }, "Remove"),
+          cell: ([name]) => element("button", { type: "button", class: "small run-only", "aria-label": `Remove ${name}`, onclick: () => void remove(name) }, "Remove"),
         },
       ],
       whole,

@@ -32,7 +32,7 @@ export async function showSubmission(root: HTMLElement, route: Route, signal: Ab
 
   const form = element(
     "form",
-    { class: "form", onsubmit: (event: Event) => void forecast(event), oninput: () => fill(answer) },
+    { class: "form run-only", onsubmit: (event: Event) => void forecast(event), oninput: () => fill(answer) },
     element(
       "fieldset",
       {},

@@ -1,7 +1,7 @@
 // Files from this computer to the workspace: sent in parts, then imported by a job.
 import { pathOf, send } from "../../api";
 import { element, fill } from "../../dom";
-import { bytes, moment } from "../../format";
+import { bytes, count, moment } from "../../format";
 import { hrefOf, type Route } from "../../router";
 import { state } from "../../stages";
 import { table } from "../../table";
@@ -28,14 +28,14 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
     element("h1", {}, "Uploads"),
     element(
       "form",
-      { class: "row", onsubmit: (event: Event) => void start(event) },
+      { class: "row run-only", onsubmit: (event: Event) => void start(event) },
       element("label", { for: "kind" }, "What"),
       kind,
       element("label", { for: "files" }, "Files"),
       files,
       button,
     ),
-    element("p", { class: "quiet" }, "A transfer that broke off goes on where it was when the same file is chosen again."),
+    element("p", { class: "quiet run-only" }, "A transfer that broke off goes on where it was when the same file is chosen again."),
     steps,
     answer,
     place,
@@ -64,8 +64,9 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
         ...Object.entries(TAKEN).map(([of, job]) => {
           const ready = uploads.filter((one) => one.kind === of && one.state === "complete");
           const query = { uploads: "all" };
-          return ready.length > 0 && element("a", { class: "button main", href: hrefOf(workspace, "jobs", ["new", job], query) }, `${TITLES[job]!} (${ready.length}) …`);
+          return ready.length > 0 && element("a", { class: "button main run-only", href: hrefOf(workspace, "jobs", ["new", job], query) }, `${TITLES[job]!} (${ready.length}) …`);
         }),
+        uploads.some((one) => one.state === "complete") && element("button", { type: "button", class: "run-only", onclick: () => void removeImported() }, "Remove all imported"),
       ),
     );
   }
@@ -82,11 +83,22 @@ export async function showUploads(root: HTMLElement, route: Route, signal: Abort
         { title: "User", cell: (one) => one.user },
         {
           title: "Remove",
-          cell: (one) => element("button", { type: "button", class: "small", "aria-label": `Remove ${one.name}`, onclick: () => void remove(one) }, "Remove"),
+          cell: (one) => element("button", { type: "button", class: "small run-only", "aria-label": `Remove ${one.name}`, onclick: () => void remove(one) }, "Remove"),
         },
       ],
       uploads,
     );
+  }
+
+  async function removeImported(): Promise<void> {
+    try {
+      const done = await send<{ removed: number; bytes: number }>("DELETE", pathOf(workspace, "uploads"), undefined, { signal });
+      const { removed } = done;
+      fill(answer, removed ? `${count(removed)} ${removed === 1 ? "upload is" : "uploads are"} removed (${bytes(done.bytes)}).` : "No upload is imported yet.");
+      await refresh();
+    } catch (error) {
+      if (!signal.aborted) fill(answer, problem(error));
+    }
   }
 
   async function remove(upload: Upload): Promise<void> {

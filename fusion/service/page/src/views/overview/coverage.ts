@@ -3,7 +3,7 @@ import { colourOf, colours, css, legend } from "../../colormaps";
 import { element, fill } from "../../dom";
 import { count, degrees, metres, number } from "../../format";
 import { hrefOf, keepInAddress, type Route } from "../../router";
-import { onTheme, themed } from "../../theme";
+import { letters, onTheme, themed } from "../../theme";
 import { outline, unwrapped, type Point } from "./footprints";
 import type { Coverage, Footprints } from "./values";
 
@@ -185,7 +185,7 @@ function drawGraticule(context: CanvasRenderingContext2D, at: (point: Point) => 
   context.strokeStyle = themed("--grid");
   context.fillStyle = themed("--quiet");
   context.lineWidth = 1;
-  context.font = `11px ${themed("--font")}`;
+  context.font = `11px ${letters()}`;
   context.setLineDash([]);
   context.beginPath();
   const line = (from: Point, to: Point): void => {

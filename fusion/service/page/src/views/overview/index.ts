@@ -128,7 +128,7 @@ function stages(found: Overview, workspace: string): HTMLElement {
       ],
       names,
     ),
-    element("p", {}, element("a", { href: hrefOf(workspace, "jobs", ["new"]) }, "Run stages")),
+    element("p", { class: "run-only" }, element("a", { href: hrefOf(workspace, "jobs", ["new"]) }, "Run stages")),
   );
 }
 

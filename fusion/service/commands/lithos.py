@@ -1,0 +1,196 @@
+"""What ``spcola spc lithos`` and ``spcola fuse --from images`` do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from fusion.service.commands.site import Done, Site
+
+if TYPE_CHECKING:
+    from fusion.stages.lithos import LithosOptions
+    from fusion.workspace import Workspace
+
+__all__ = ["ImageFusionOptions", "LithosCommandOptions", "fuse_images", "solve_maplets"]
+
+
+OnlyMaplets = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="This one; repeat it for several. Else all."),
+]
+WithinPlace = Annotated[
+    str,
+    typer.Option(
+        metavar="LAT,LON,RADIUS_M",
+        help="Those whose centre lies within so many metres of a place, degrees.",
+    ),
+]
+Photometry = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Photometric function with its parameters, as spcola photometry fit prints it: "
+        "[lithos] photometry; by default that of [register].",
+    ),
+]
+PointSpread = Annotated[
+    float | None,
+    typer.Option(
+        metavar="PIXELS",
+        min=0.0,
+        max=10.0,
+        help="Sigma of the optics' point spread: [lithos] psf_px.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class LithosCommandOptions:
+    """Options of ``spcola spc lithos``."""
+
+    only: OnlyMaplets = None
+    within: WithinPlace = ""
+    start: Annotated[
+        Literal["maplet", "shape"],
+        typer.Option(help="Heights of the first round: the solution's maplet, or its shape."),
+    ] = "maplet"
+    constraint: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="Heights that constrain the integration: shape, overlaps (of maplets), lidar (of "
+            "registered mapolas), or none. Repeat it for several. By default [lithos] constraints: "
+            "the shape.",
+        ),
+    ] = None
+    shape_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            min=1e-6,
+            max=1e5,
+            help="Sigma of the shape's heights, [lithos] shape_sigma_m: else the GSD of a maplet.",
+        ),
+    ] = None
+    max_images: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=2, max=10_000, help="Most images of a maplet: [lithos] max_images."
+        ),
+    ] = None
+    photometry: Photometry = ""
+    psf: PointSpread = None
+    albedo_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            min=1e-6,
+            max=1.0,
+            help="Expected scatter of the relative albedo: [lithos] albedo_sigma.",
+        ),
+    ] = None
+    rounds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=1000,
+            help="Most rounds of each of three GSDs: [lithos] rounds.",
+        ),
+    ] = None
+    name: Annotated[
+        str,
+        typer.Option("--as", metavar="NAME", help="Name of the new solution, else lithos-1, ..."),
+    ] = ""
+
+
+@dataclass(frozen=True)
+class ImageFusionOptions:
+    """Options of ``spcola fuse --from images``."""
+
+    only: OnlyMaplets = None
+    within: WithinPlace = ""
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CODE", help="A finding of a doubtful registration that is accepted."),
+    ] = None
+    name: Annotated[
+        str,
+        typer.Option("--as", metavar="NAME", help="Name of the new solution, else spcola-1, ..."),
+    ] = ""
+
+
+def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
+    """Make a solution whose maplets come from their images."""
+    from fusion.pipeline import Subset
+    from fusion.stages.lithos import LithosOptions
+
+    constraints = _kinds(given.constraint)
+    changed = {
+        "shape_sigma_m": given.shape_sigma,
+        "max_images": given.max_images,
+        "photometry": given.photometry or None,
+        "psf_px": given.psf,
+        "albedo_sigma": given.albedo_sigma,
+        "rounds": given.rounds,
+    }
+    workspace = site.open()
+    settings = workspace.settings().with_table(
+        "lithos", **{key: value for key, value in changed.items() if value is not None}
+    )
+    subset = Subset.of(given.only or (), given.within)
+    options = LithosOptions.of(settings, subset, start=given.start, constraints=constraints)
+    return _made(site, workspace, given.name, options)
+
+
+def fuse_images(site: Site, given: ImageFusionOptions) -> Done:
+    """Make a solution whose maplets come from their images, lidar, shape and overlaps at once."""
+    from fusion.pipeline import Subset
+    from fusion.service.commands.stages import accepting
+    from fusion.stages.lithos import ConstraintKind, LithosOptions, Purpose
+
+    workspace = site.open()
+    kinds = [
+        kind for kind in ConstraintKind if kind != ConstraintKind.SHAPE or workspace.has_shape()
+    ]
+    options = LithosOptions.of(
+        accepting(workspace.settings(), given.accept or ()),
+        Subset.of(given.only or (), given.within),
+        constraints=kinds,
+        purpose=Purpose.SPCOLA,
+    )
+    return _made(site, workspace, given.name, options)
+
+
+def _made(site: Site, workspace: Workspace, name: str, options: LithosOptions) -> Done:
+    """Make the solution."""
+    from fusion.stages.lithos import lithos_solution
+
+    result = lithos_solution(workspace, name, options, site.executor, site.progress, job=site.job)
+    return Done({"workspace": workspace.root, **result.as_dict()}, result.lines())
+
+
+def _kinds(given: list[str] | None) -> list[str] | None:
+    """Return the kinds of constraints that are asked for; None for those of the settings.
+
+    Raises
+    ------
+    SettingsError
+        If one is unknown.
+    """
+    from fusion.stages.lithos import ConstraintKind
+    from spcola.errors import SettingsError
+
+    if given is None:
+        return None
+    known = [str(kind) for kind in ConstraintKind]
+    for one in given:
+        if one not in [*known, "none"]:
+            raise SettingsError(
+                f"{one!r} is no kind of height",
+                "--constraint",
+                f"known are {', '.join(known)}, none",
+            )
+    return [one for one in given if one != "none"]

@@ -1,0 +1,167 @@
+"""Maplets solved from images: goodness of fit, and their images beside renderings."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from functools import lru_cache
+from typing import Any
+
+from fusion.report.photoclinometry import (
+    goodness_index,
+    image_strip,
+    read_goodness,
+    residual_limit,
+    strip_png,
+)
+from fusion.runtime import content_digest
+from fusion.service.views.body import PAGE_FACETS, shape_mesh
+from fusion.service.views.surfaces import LayerCache
+from fusion.service.views.surfaces.cache import Stamp, stamp_of
+from fusion.workspace import Workspace
+from spcola.arrays import AnyArray
+from spcola.errors import WorkspaceError
+from spcola.shape import RayCaster
+
+__all__ = ["solved_etag", "solved_index", "solved_maplet", "solved_picture"]
+
+
+def solved_index(workspace: Workspace) -> dict[str, Any]:
+    """Return the goodness of fit of each maplet and image of a solution from images.
+
+    Parameters
+    ----------
+    workspace : Workspace
+
+    Returns
+    -------
+    dict
+        As of :func:`fusion.report.photoclinometry.goodness_index`, and the name of the `solution`.
+
+    Raises
+    ------
+    WorkspaceError
+        If the solution has no maplets from images, or what is known of them cannot be read.
+    FormatError
+        If it lacks what is shown.
+    """
+    return {"solution": workspace.solution, **goodness_index(_content(workspace))}
+
+
+def solved_maplet(workspace: Workspace, maplet: str) -> dict[str, Any]:
+    """Return how a maplet was solved, round by round, and how each of its images fits.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    maplet : str
+
+    Returns
+    -------
+    dict
+        What ``photoclinometry.json`` has of it, `images` as a list with `name`; `solution`, `name`,
+        `gsd_m`; `findings` that name it or one of its images; `residual_limit`: up to which
+        residual pictures of residuals have colours.
+
+    Raises
+    ------
+    WorkspaceError
+        If it was not solved from images.
+    """
+    content = _content(workspace)
+    one = _maplet(workspace, content, maplet)
+    concerned = {maplet, *one["images"]}
+    return {
+        "solution": workspace.solution,
+        "name": maplet,
+        **one,
+        "gsd_m": workspace.maplet(maplet).grid.gsd,
+        "images": [{"name": name, **fit} for name, fit in one["images"].items()],
+        "findings": [
+            {**found, "names": named}
+            for found in content["findings"]
+            if (named := [name for name in found["names"] if name in concerned])
+        ],
+        "residual_limit": residual_limit(one),
+    }
+
+
+def solved_picture(
+    workspace: Workspace, maplet: str, image: str, *, cache: LayerCache | None = None
+) -> bytes:
+    """Return an image on the grid of a maplet, its rendering and the residual, as a PNG.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    maplet, image : str
+        Names.
+    cache : LayerCache, optional
+
+    Raises
+    ------
+    WorkspaceError
+        If the maplet was not solved from images, or not from this one.
+    SpcolaError
+        If a file cannot be read.
+    """
+    content, kept = _content(workspace), cache or LayerCache()
+    _image(workspace, content, maplet, image)
+
+    def make() -> dict[Hashable, AnyArray]:
+        beyond = None
+        if workspace.has_shape():
+            beyond = _caster(workspace, stamp_of(workspace.shape_path()), kept)
+        drawn = image_strip(workspace, content, workspace.maplet(maplet), image, beyond)
+        return {"codes": drawn}
+
+    return strip_png(kept.find(_key(workspace, maplet, image), "codes", make))
+
+
+def solved_etag(workspace: Workspace, maplet: str, image: str) -> str:
+    """Return a text that changes whenever :func:`solved_picture` does; raises as it does."""
+    _image(workspace, _content(workspace), maplet, image)
+    return content_digest(repr(_key(workspace, maplet, image)))[:32]
+
+
+def _key(workspace: Workspace, maplet: str, image: str) -> tuple[Hashable, ...]:
+    """Return what a picture is made from."""
+    paths = [
+        workspace.photoclinometry_path, workspace.maplet_path(maplet), workspace.image_path(image),
+        workspace.exposure_path(image),
+    ]  # fmt: skip
+    return ("solved", stamp_of(*(path for path in paths if path.is_file())))
+
+
+def _content(workspace: Workspace) -> dict[str, Any]:
+    path = workspace.photoclinometry_path
+    if not path.is_file():
+        do = f"run: spcola spc lithos {workspace.root}"
+        raise WorkspaceError("is not there: no maplet of the solution is from images", path, do)
+    return _read(workspace, stamp_of(path))
+
+
+@lru_cache(maxsize=1)
+def _read(workspace: Workspace, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
+    """Return the content of the file; it has megabytes, and each picture needs it."""
+    return read_goodness(workspace) or {}
+
+
+def _maplet(workspace: Workspace, content: dict[str, Any], maplet: str) -> dict[str, Any]:
+    if maplet not in content["maplets"]:
+        what = f"no maplet {maplet!r} was solved from images"
+        raise WorkspaceError(what, workspace.root, "list those that were")
+    found: dict[str, Any] = content["maplets"][maplet]
+    return found
+
+
+def _image(workspace: Workspace, content: dict[str, Any], maplet: str, image: str) -> None:
+    """Raise an error unless a maplet was solved from an image."""
+    if image not in _maplet(workspace, content, maplet)["images"]:
+        what = f"maplet {maplet!r} was not solved from an image {image!r}"
+        raise WorkspaceError(what, workspace.root, "list those from which it was")
+
+
+@lru_cache(maxsize=1)
+def _caster(workspace: Workspace, stamp: Stamp, cache: LayerCache) -> RayCaster:  # noqa: ARG001
+    """Return the shape for the shadows that it casts; coarse where it has very many facets."""
+    return RayCaster(shape_mesh(workspace, PAGE_FACETS, cache=cache))
