@@ -26,21 +26,31 @@ SHARED = TESTS.parents[1] / "shared" / "data"
 # Files that take long are started first: the last ones are short, and all cores end together. Where
 # no compiled kernels are kept yet, the first two compile most of them, each other ones; a file that
 # shares many with one of them comes later, so that hardly any is compiled twice at the same time.
+# Those of the service wait half of their time for processes: they lie between those that compute.
 LONG = (
     "spcola/heights/test_solver.py",
     "bad_input/test_results.py",
-    "bad_input/test_inputs.py",
     "fusion/scaling/test_iteration.py",
     "lidar/adjustment/test_normal_equations.py",
     "fusion/scaling/test_ground.py",
     "fusion/truth/test_demo.py",
+    "bad_input/test_inputs.py",
+    "fusion/client/test_faults.py",
     "fusion/stages/test_register_stage.py",
+    "fusion/service/work/test_worker.py",
     "fusion/stages/test_register_by_images.py",
+    "fusion/service/page/test_work.py",
+    "bad_input/test_processes.py",
     "fusion/scaling/test_misplacement.py",
+    "fusion/service/faults/test_postgresql.py",
     "fusion/cli/test_cli.py",
+    "fusion/service/page/test_map.py",
     "fusion/registration/test_direct.py",
+    "fusion/service/store/test_restore_while_it_runs.py",
     "fusion/registration/test_search.py",
+    "fusion/service/page/test_views.py",
     "fusion/scene/geolocation/test_locating.py",
+    "fusion/service/faults/test_kills.py",
     "spcola/imagematching/test_image_match.py",
 )
 

@@ -41,27 +41,29 @@ def wait_for(path: Path, process: subprocess.Popen[str]) -> None:
     assert path.exists(), process.communicate()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_a_run_that_is_interrupted_or_killed_can_be_finished(
-    workspace: Path, finished: Path, how: signal.Signals
+def test_a_run_that_is_interrupted_and_killed_can_be_finished(
+    workspace: Path, finished: Path
 ) -> None:
     shutil.rmtree(workspace / "fused")
     before = files_in(workspace)
     # A job in the background of a shell would hand down that interrupts are ignored.
     heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    with program("run", workspace, "--workers", "1", preexec_fn=heed) as process:
-        wait_for(workspace / ".scratch" / "fuse", process)
-        wait_for(workspace / "fused", process)
-        time.sleep(0.3)
-        process.send_signal(how)
-        out, err = process.communicate(timeout=60)
-    assert out == ""
-    if how == signal.SIGINT:
-        assert process.returncode == 130
-        assert err.splitlines()[-1].startswith("interrupted: ")
-    now = files_in(workspace)
-    assert {name: now[name] for name in before} == before
-    assert all(Path(name).parts[1].startswith(".") for name in now.keys() - before.keys())
+    for how in (signal.SIGINT, signal.SIGKILL):
+        for name in ("fused", ".scratch"):
+            shutil.rmtree(workspace / name, ignore_errors=True)
+        with program("run", workspace, "--workers", "1", preexec_fn=heed) as process:
+            wait_for(workspace / ".scratch" / "fuse", process)
+            wait_for(workspace / "fused", process)
+            time.sleep(0.3)
+            process.send_signal(how)
+            out, err = process.communicate(timeout=60)
+        assert out == ""
+        assert process.returncode == (130 if how == signal.SIGINT else -how)
+        if how == signal.SIGINT:
+            assert err.splitlines()[-1].startswith("interrupted: ")
+        now = files_in(workspace)
+        assert {name: now[name] for name in before} == before
+        assert all(Path(name).parts[1].startswith(".") for name in now.keys() - before.keys())
     assert states(workspace)["fuse"] == "ran"
     assert files_in(workspace).keys() == files_in(finished).keys()
     assert (workspace / "fused/TR0003.MAP").read_bytes() == (

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
+from solved_workspace import solved_workspace
 
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.products import Provenance
@@ -66,3 +70,10 @@ def check_same(found, wanted, *, everywhere: bool = True) -> None:
             np.testing.assert_array_equal(
                 getattr(found, layer)[where], getattr(wanted, layer)[where], err_msg=layer
             )
+
+
+@pytest.fixture(scope="session")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A workspace with a maplet solved from photographs, and what that printed: not to change."""
+    root = tmp_path_factory.mktemp("solved") / "waves"
+    return root, solved_workspace(root)

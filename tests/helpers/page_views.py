@@ -15,6 +15,7 @@ from spcola.formats.shapes import write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
 _AXE = Path(fusion.service.page.__file__).parent / "node_modules/axe-core/axe.min.js"
+_COLOURS = ["color-contrast", "link-in-text-block"]
 GAP = (slice(0, 6), slice(0, 6))
 """Nodes of the maplet AA0001 that are unknown: the upper left of its image."""
 
@@ -42,14 +43,23 @@ def ready(page: Any, address: str) -> Any:
     return page
 
 
-def serious(page: Any) -> list[tuple[str, list[str]]]:
-    """Return what axe finds serious or critical, with the elements."""
+def serious(page: Any) -> list[tuple[str, str, list[str]]]:
+    """Return what axe finds serious or critical in the light and in the dark, with the elements.
+
+    The two differ in colours alone: the other rules are checked once.
+    """
+    found = []
     page.evaluate(_AXE.read_text(encoding="utf-8"))
-    return [
-        (one["id"], [node["html"][:200] for node in one["nodes"]])
-        for one in page.evaluate("axe.run()")["violations"]
-        if one["impact"] in ("serious", "critical")
-    ]
+    for scheme, rules in (("light", {}), ("dark", {"runOnly": _COLOURS})):
+        page.emulate_media(color_scheme=scheme)
+        # What passes is not to be described node by node.
+        options = {"resultTypes": ["violations"], **rules}
+        found += [
+            (scheme, one["id"], [node["html"][:200] for node in one["nodes"]])
+            for one in page.evaluate("options => axe.run(options)", options)["violations"]
+            if one["impact"] in ("serious", "critical")
+        ]
+    return found
 
 
 def _registration() -> dict[str, Any]:

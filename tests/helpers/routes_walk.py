@@ -27,7 +27,7 @@ MOST = 3
 def urls(client: Any, workspace: str) -> Iterator[tuple[str, str]]:
     """Yield each route that reads but streams, and addresses of it with what is there."""
     base = BASE.replace("{workspace}", workspace)
-    there = _there(client, base)
+    there = names_there(client, base)
     for method, route in rules_of(client.app):
         if method != "GET" or route.endswith("/events"):
             continue
@@ -41,7 +41,7 @@ def urls(client: Any, workspace: str) -> Iterator[tuple[str, str]]:
                 yield route, f"{url}?{query}" if query else url
 
 
-def _there(client: Any, base: str) -> dict[str, list[dict[str, str]]]:
+def names_there(client: Any, base: str) -> dict[str, list[dict[str, str]]]:
     """Return values for the parameters in the paths, as the lists of the service have them."""
 
     def listed(path: str, key: str) -> list[Any]:
@@ -58,6 +58,8 @@ def _there(client: Any, base: str) -> dict[str, list[dict[str, str]]]:
         "/provenance": [{"product": name} for name in products.values()],
         "/solutions/{name}": [{"name": one} for one in solutions],
         "/solutions/{first}/diff/{second}": [{"first": solutions[0], "second": solutions[-1]}],
+        "/photoclinometry/{maplet}": [{"maplet": "AA0001"}],
+        "/photoclinometry/{maplet}/{image}": [{"maplet": "AA0001", "image": "I1"}],
         "/tables/{name}": [{"name": one} for one in listed("tables", "tables")],
         "/results/{name}": [{"name": one} for one in ("registration", "scale", "manifest")],
         "/files/{path:path}": [{"path": one} for one in (*products.values(), "spcola.toml")],

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -46,6 +47,8 @@ class ServerProcess:
             text=True,
             cwd=ROOT,
         )
+        # Each job starts as many item processes as there are cores; one shows what two do.
+        everywhere = self._keep_to_one_core()
         assert self.process.stdout is not None
         printed = ""
         while not printed.endswith("}\n"):
@@ -54,6 +57,22 @@ class ServerProcess:
             printed += line
         self.url = str(json.loads(printed)["url"])
         self.port = int(self.url.rpartition(":")[2].strip("/"))
+        self._let_go(everywhere)
+
+    def _keep_to_one_core(self) -> list[int]:
+        """Let the program, while it starts, see one core; return all that it may use."""
+        if not hasattr(os, "sched_setaffinity"):  # not on macOS
+            return []
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(self.process.pid, {cores[os.getpid() % len(cores)]})
+        return cores
+
+    def _let_go(self, cores: list[int]) -> None:
+        server = psutil.Process(self.process.pid)
+        for one in (server, *server.children()) if cores else ():
+            for thread in one.threads():
+                with suppress(ProcessLookupError):
+                    os.sched_setaffinity(thread.id, cores)
 
     def __enter__(self) -> Self:
         return self
@@ -98,8 +117,13 @@ class ServerProcess:
         return self.process.returncode
 
 
-def wait_for(ready: Callable[[], Any], seconds: float = 60.0) -> None:
+ASKING_S = 0.1
+"""Time between two requests: a server that is asked all the time takes the cores of its workers."""
+
+
+def wait_for(ready: Callable[[], Any], seconds: float = 60.0, *, every: float = 0.005) -> None:
+    """Wait until something is there; it is looked at in intervals of `every` seconds."""
     until = time.monotonic() + seconds
     while not ready():
         assert time.monotonic() < until
-        time.sleep(0.005)
+        time.sleep(every)

@@ -238,7 +238,7 @@ def test_what_nobody_expected_is_one_line_and_a_way_to_more(
     def fail(_: Workspace) -> None:
         raise ZeroDivisionError("of two\nlines")
 
-    monkeypatch.setattr("fusion.inspection.describe_workspace", fail)
+    monkeypatch.setattr("fusion.inspection.workspace_facts.workspace_facts", fail)
     assert "unexpected ZeroDivisionError: of two lines; set SPCOLA_DEBUG=1" in refused(
         "info", folder
     )
@@ -250,7 +250,7 @@ def test_an_interrupt_exits_with_130(folder: Path, monkeypatch: pytest.MonkeyPat
     def interrupt(_: Workspace) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fusion.inspection.describe_workspace", interrupt)
+    monkeypatch.setattr("fusion.inspection.workspace_facts.workspace_facts", interrupt)
     result = call("info", folder, code=130)
     assert result.stderr.startswith("interrupted")
 

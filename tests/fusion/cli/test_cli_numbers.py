@@ -23,6 +23,10 @@ SENSIBLE = {
     "--smear-s": {"0", "1e-308"},
     "--gsd": {"0"},  # left to the program
     "--seed": {"0"},
+    "--psf": {"0", "1e-308"},
+    "--overlap": {"0", "1e-308"},
+    "--albedo-range": {"0", "1e-308"},
+    "--slope-error": {"0", "1e-308"},
     "--faces-from": {"0"},
     "--first-pixel": {"0", "1e-308"},
     "--clearing-s": {"0", "1e-308"},
@@ -106,15 +110,15 @@ def content(folder: Path) -> dict[str, Any]:
 
 
 def required(command: Any, workspace: Path) -> list[str]:
-    """Arguments that a command needs: the workspace stands for every path and name."""
+    """Arguments that a command needs: the workspace for every path and name, 1 for numbers."""
     given = []
     for parameter, info, kinds in parameters(command):
         if parameter.default is inspect.Parameter.empty:
-            assert {Path, str} & set(kinds), f"state what {parameter.name} may be here"
+            assert {Path, str, float} & set(kinds), f"state what {parameter.name} may be here"
             option = isinstance(info, typer.models.OptionInfo)
             given += [
                 *(["--" + parameter.name.replace("_", "-")] if option else []),
-                str(workspace),
+                "1" if float in kinds else str(workspace),
             ]
     return given
 

@@ -15,7 +15,15 @@ from served import MAPLETS, make_ball
 from server_process import ServerProcess
 
 import spcola
-from fusion.client import JobFailedError, Session, UnreachableError, VersionWarning, connect, files
+from fusion.client import (
+    JobFailedError,
+    Session,
+    UnreachableError,
+    VersionWarning,
+    connect,
+    fetching,
+    sending,
+)
 from fusion.client.steps import Send, run
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.jobs import JobState
@@ -37,24 +45,10 @@ def own(tmp_path: Path) -> Iterator[ServerProcess]:
     started.kill()
 
 
-def test_a_wait_goes_on_when_the_server_starts_again(own: ServerProcess) -> None:
-    with connect(own.url) as session:
-        job = session.submit("ball", ["mapolas"])
-        threading.Timer(0.3, lambda: (own.kill(), time.sleep(0.5), own.start())).start()
-        done = session.wait(job, progress=False)
-        assert done.state is JobState.FINISHED
-        assert done.result["stages"][0]["stage"] == "mapolas"
-        # Events after the new start go on after the last one.
-        first = next(iter(session.events(job)))
-        states = [e.content.get("state") for e in session.events(job, after=first.number)]
-        assert "waiting" not in states
-        assert states[-1] == "finished"
-
-
-def test_an_upload_goes_on_where_it_was_interrupted(
+def test_a_wait_and_an_upload_go_on_when_the_server_starts_again(
     own: ServerProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "_PART", 10_000)
+    monkeypatch.setattr(sending, "_PART", 10_000)
     source = tmp_path / "a.las"
     source.write_bytes(CONTENT)
     sent: list[int] = []
@@ -75,8 +69,16 @@ def test_an_upload_goes_on_where_it_was_interrupted(
         monkeypatch.setattr(type(session.doing()), "perform", until_the_third)
         with pytest.raises(InterruptedHereError):
             session.upload("ball", source, progress=False)
-    own.kill()
-    own.start()
+        job = session.submit("ball", ["mapolas"])
+        threading.Timer(0.3, lambda: (own.kill(), time.sleep(0.5), own.start())).start()
+        done = session.wait(job, progress=False)
+        assert done.state is JobState.FINISHED
+        assert done.result["stages"][0]["stage"] == "mapolas"
+        # Events after the new start go on after the last one.
+        first = next(iter(session.events(job)))
+        states = [e.content.get("state") for e in session.events(job, after=first.number)]
+        assert "waiting" not in states
+        assert states[-1] == "finished"
     with connect(own.url) as session:
         upload = session.upload("ball", source, progress=False)
         assert sent == list(range(0, 20_001, 10_000)) + list(range(20_000, len(CONTENT), 10_000))
@@ -92,7 +94,7 @@ def test_an_upload_goes_on_where_it_was_interrupted(
 def test_a_download_goes_on_and_a_changed_file_begins_anew(
     remote: Session, local: Session, missions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "_PART", 1000)
+    monkeypatch.setattr(fetching, "_PART", 1000)
     source = missions / "ball" / "NOMINALS" / "A.BIN"
     source.write_bytes(CONTENT)
     for number, session in enumerate((remote, local)):
@@ -166,7 +168,7 @@ def test_tokens_versions_and_addresses_that_are_wrong(
     tmp_path: Path, server: ServerProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make_ball(tmp_path / "ball")
-    closed = ServerProcess(tmp_path, "--name", "localhost")
+    closed = ServerProcess(tmp_path, "--name", "localhost", "--workers", "0")
     try:
         with pytest.raises(RequestRefusedError, match="token is needed"):
             connect(closed.url)
@@ -193,6 +195,66 @@ def test_tokens_versions_and_addresses_that_are_wrong(
         connect(server.url).close()
 
 
+def _check_pictures(there: tuple[str, str], missions: Path, folder: Path) -> None:
+    """A picture has the same bytes wherever it is made, and nothing is left on the server."""
+    maplet = "ball/MAPFILES/AA0001.MAP"
+    for name, command in {
+        "maplet.png": ("look", maplet),
+        "difference.png": ("solution", "diff", "ball", "imported", "imported"),
+    }.items():
+        found = []
+        for where in (there, ()):
+            printed = called(*where, *command, "-o", folder / name)
+            found.append((printed, (folder / name).read_bytes()))
+            (folder / name).unlink()
+        assert found[0] == found[1]
+    assert [path.name for path in (missions / ".service/outputs/ball").iterdir()] == ["kernels"]
+    assert called(*there, "info", maplet) == called("info", maplet)
+    for wrong, text in {
+        "ball/.service": "is no name of a file",
+        "ball/spcola.toml": "there is nothing to draw",
+    }.items():
+        assert text in refused(*there, "look", wrong, "-o", folder / "wrong.png")
+    assert "is no name of a picture" in refused(*there, "look", "ball", "-o", folder / "a.gif")
+    assert not list(folder.iterdir())
+
+
+def test_a_refused_result_and_warnings_are_printed_as_here(
+    server: ServerProcess, missions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(missions)
+    there = ("--server", server.url)
+    call(*there, "mapolas", "ball")
+    settings = missions / "ball" / "spcola.toml"
+    text = settings.read_text()
+    changed = text.replace("min_count = 1 ", "min_count = 2 ")
+    assert changed != text
+    settings.write_text(changed)
+    one, two = (call(*where, "register", "ball", code=1) for where in (there, ()))
+    settings.write_text(text)
+    printed = [sorted(result.stdout.splitlines()) for result in (one, two)]
+    assert [line for line in printed[0] if not line.startswith("register: ")] == [
+        line for line in printed[1] if not line.startswith("register: ")
+    ]
+    assert "  verdict: refused" in printed[0]
+    for result in (one, two):
+        assert "note: mapolas is out of date; spcola run brings all up to date\n" in result.stderr
+    last = [result.stderr.splitlines()[-1] for result in (one, two)]
+    assert last[0] == last[1]
+    assert last[0].startswith("error: ball: the result of register is refused")
+    # Without images there is nothing to solve maplets from.
+    fuse = ("fuse", "ball", "--from", "images")
+    last = [call(*where, *fuse, code=1).stderr.splitlines()[-1] for where in (there, ())]
+    assert last[0] == last[1]
+    assert "bring images" in last[0]
+    wrong = [call(*where, "fuse", "ball", "--as", "x", code=2).stderr for where in (there, ())]
+    assert wrong[0] == wrong[1]
+    # Wrong usage is that of the command here, too.
+    for option in (("--model", "none"), ("--accept", "none")):
+        codes = [call(*where, "register", "ball", *option, code=2).stderr for where in (there, ())]
+        assert codes[0] == codes[1]
+
+
 def test_commands_on_a_server(
     server: ServerProcess, missions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,12 +266,13 @@ def test_commands_on_a_server(
         for found in (one, two):
             found.pop("seconds", None)
         assert one == two
-        printed = [call(*where, *command).stdout for where in (there, ())]
         if "mapolas" not in command:
+            printed = [call(*where, *command).stdout for where in (there, ())]
             assert printed[0] == printed[1]
     info = called(*there, "info", "ball")
     assert info.keys() == called("info", "ball").keys()
-    assert "local files" in refused(*there, "look", "ball")
+    assert "local files" in refused(*there, "align", "a.las", "b.las")
+    _check_pictures(there, missions, tmp_path)
     assert "--workers" in refused(*there, "mapolas", "ball", "--workers", 2)
     assert "no such workspace" in refused(*there, "run", "nothing")
     exported = tmp_path / "exported"
@@ -230,10 +293,9 @@ def test_commands_on_a_server(
     assert away["maplets"] == MAPLETS
     body = [Workspace.open(missions / name).settings().body for name in ("here", "away")]
     assert body[1] == body[0].model_copy(update={"shape": "SHAPE.TXT"})
-    jobs = [one for one in called(*there, "job", "list", "ball")["jobs"] if one["kind"] != "run"]
-    jobs = [one for one in jobs if one["kind"] != "solution-export"]
-    assert jobs[0]["kind"] == "forecast"
-    assert called(*there, "job", "wait", "ball", jobs[0]["id"])["state"] == "finished"
+    listed = called(*there, "job", "list", "ball")["jobs"]
+    (forecast,) = [one for one in listed if one["kind"] == "forecast"]
+    assert called(*there, "job", "wait", "ball", forecast["id"])["state"] == "finished"
     scan = tmp_path / "new.txt"
     scan.write_text("x y z\n" + "".join(f"60.1 {k}.0 0.5\n" for k in range(-9, 9)))
     columns = ("--columns", "x=x [m],y=y [m],z=z [m]")

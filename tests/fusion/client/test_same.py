@@ -12,15 +12,16 @@ import pytest
 from served import MAPLETS
 from server_process import ServerProcess
 
-from fusion.client import AsyncSession, Session, connect_async
+from fusion.client import AsyncSession, Session, Window, connect_async
 from fusion.client.local import _CONTENTS, _VIEWS
 from fusion.client.place import View
 from fusion.client.reading import Reading
 from fusion.client.steps import call
+from fusion.client.surfaces import Surfaces
 from spcola.errors import SpcolaError
 
 ONE = ("ball", "fused", "AA0001")
-WINDOW = {"level": 2, "rows": (3, 90), "columns": (0, 151)}
+WINDOW = {"window": Window(level=2, rows=(3, 90), columns=(0, 151))}
 CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("workspaces", (), {}),
     ("overview", ("ball",), {}),
@@ -33,6 +34,8 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     *(("result", ("ball", name), {}) for name in ("registration", "manifest", "nothing")),
     ("residuals", ("ball",), {}),
     ("epsilon", ("ball",), {}),
+    ("photoclinometry", ("ball",), {}),
+    ("photoclinometry", ("ball", "AA0001"), {}),
     ("solutions", ("ball",), {}),
     ("solution", ("ball", "imported"), {}),
     ("solution", ("ball", "nothing"), {}),
@@ -54,7 +57,7 @@ CALLS: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
     ("window", (*ONE, "slope"), {}),
     ("window", (*ONE, "sigma"), WINDOW),
     ("window", (*ONE, "nothing"), {}),
-    ("window", ONE, {"level": 3}),
+    ("window", ONE, {"window": Window(level=3)}),
     ("window", ("ball", "fused", "nothing"), {}),
     ("layers", ONE, WINDOW),
     ("value", (*ONE, 0.5, -0.25), {}),
@@ -104,7 +107,8 @@ def test_local_and_remote_are_the_same(
 
 
 def test_every_call_that_reads_is_compared() -> None:
-    there = {name for name, one in vars(Reading).items() if isinstance(one, call)}
+    both = vars(Reading) | vars(Surfaces)
+    there = {name for name, one in both.items() if isinstance(one, call)}
     # A dataset is made of the arrays of `layers`.
     assert there - {"dataset"} == {name for name, *_ in CALLS}
     assert _VIEWS.keys() | _CONTENTS.keys() == set(View)
@@ -115,7 +119,7 @@ def test_what_is_there_is_not_only_errors(local: Session) -> None:
     heights = local.window(*ONE)
     assert heights.shape == (301, 301)
     assert np.isnan(heights[20, 5:9]).all()
-    found = local.layers(*ONE, ["height"], level=2)
+    found = local.layers(*ONE, ["height"], window=Window(level=2))
     # The grid point in the middle is the first of its cell; the last cell has one point.
     assert found.x[[0, 75, -1]] == pytest.approx([-149.5 * 0.3, 0.5 * 0.3, 45.0])
     assert found.y[0] == -found.x[0]

@@ -6,6 +6,7 @@ import json
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command_line import call
@@ -18,10 +19,11 @@ from fusion.inspection.forecasts import (
     stage_forecasts,
 )
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
+from fusion.pipeline import Pipeline
 from fusion.runtime.folders import Remembered
 from fusion.runtime.folders.remembered import Listing
 from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.stages import run_stages
+from fusion.stages import load_stages, run_stages
 from fusion.workspace import Workspace
 
 _TICK_S = 0.03
@@ -135,6 +137,48 @@ def test_info_has_the_keys_and_remembers_them_until_a_file_changes(workspace: Wo
     third = json.loads(call("info", workspace.root, "--json").stdout)
     assert third["maplets"] == 5
     assert third["forecast"]["mapolas"]["items"] == 5
+
+
+def test_in_a_very_large_workspace_info_looks_only_at_results_that_changed(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusion.cli.folder._MANY_FILES", 1)
+    call("mapolas", workspace.root)
+    path = workspace.home / "mapolas" / "AA0004.MAP"
+    content = path.read_bytes()
+    with monkeypatch.context() as blind:
+        # The command has found it out already, and a change shows without looking at the rest.
+        blind.delattr("fusion.inspection.workspace_facts.workspace_facts")
+        found = info(workspace)
+        assert found["stages"]["mapolas"] == "up to date"
+        assert found["forecast"] == {}
+        assert "spcola run" in call("info", workspace.root).stdout.splitlines()[-1]
+        for written in (content[:-1] + bytes([content[-1] ^ 1]), content):
+            path.write_bytes(written)
+            time.sleep(_TICK_S)
+            assert info(workspace) == found | {"stages": states(workspace)}
+            assert info(workspace) == found | {"stages": states(workspace)}
+            changed = "mapolas/AA0004.MAP has changed" in info(workspace)["stages"]["mapolas"]
+            assert changed == (written != content)
+    # A maplet may contradict others, and with a file more or less other stages can run.
+    maplet = workspace.home / "MAPFILES" / "AA0004.MAP"
+    maplet.write_bytes(maplet.read_bytes()[:1000])
+    assert any("AA0004" in text for text in info(workspace)["problems"])
+    maplet.unlink()
+    path.unlink()
+    found = info(workspace)
+    assert (found["maplets"], found["mapolas"]) == (5, 5)
+    assert found["stages"] == states(workspace)
+
+
+def info(workspace: Workspace) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(call("info", workspace.root, "--json").stdout)
+    return content
+
+
+def states(workspace: Workspace) -> dict[str, str]:
+    """Return the states of stages as found anew."""
+    return Pipeline(workspace, workspace.settings(), load_stages()).states()
 
 
 def test_what_is_remembered_depends_on_files_outside_and_on_its_own_digest(tmp_path: Path) -> None:

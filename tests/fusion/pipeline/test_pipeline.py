@@ -174,8 +174,12 @@ def test_no_scratch_is_left_behind(workspace: Workspace, stages: list[Copy]) -> 
     (killed / "half").write_text("done so far")
     records = workspace.root / "provenance"
     (records / ".one.json.k1ll3d.part").write_text("half a record")
+    inner = workspace.root / "bigmaps" / "returns"
+    inner.mkdir()
+    (inner / ".NPOLE.MAP.k1ll3d.part").write_text("half a map")
     pipeline(workspace, stages).run()
     assert not left.exists()
+    assert not any(inner.iterdir())
     assert sorted(path.name for path in records.iterdir()) == ["one.json", "three.json", "two.json"]
 
 

@@ -16,7 +16,13 @@ import numpy as np
 import pytest
 from command_line import call
 
-from fusion.pipeline.solutions import MadeBy, lineage, making_solution, solutions_of
+from fusion.pipeline.solutions import (
+    MadeBy,
+    lineage,
+    making_solution,
+    remove_solution,
+    solutions_of,
+)
 from fusion.runtime import content_digest
 from fusion.runtime.folders import LOCK_FILE, locked
 from fusion.workspace import Workspace, new_workspace
@@ -104,6 +110,42 @@ def test_what_is_in_use_or_has_children_is_not_removed(workspace: Workspace) -> 
         error = call("solution", *command, code=1).stderr
         assert "there is no solution 'one'" in error
         assert "there are: imported" in error
+
+
+class KilledError(BaseException):
+    """Stands for the end of a process at one place."""
+
+
+@pytest.mark.parametrize("at", ["rename", "rmtree", "the end"])
+def test_a_job_that_was_killed_in_a_removal_ends_it_and_no_other_does(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch, at: str
+) -> None:
+    def killed(*_: Any, **__: Any) -> None:
+        raise KilledError
+
+    made(workspace, "one")
+    with monkeypatch.context() as patch:
+        if at == "the end":
+            remove_solution(workspace, "one", job="first")
+        else:
+            patch.setattr(*{"rename": (Path, "rename"), "rmtree": (shutil, "rmtree")}[at], killed)
+            with pytest.raises(KilledError):
+                remove_solution(workspace, "one", job="first")
+    gone = at != "rename"
+    assert (workspace.root / "solutions" / "one").exists() != gone
+    if gone:
+        for other in ("", "second"):
+            with pytest.raises(WorkspaceError, match="there is no solution 'one'"):
+                remove_solution(workspace, "one", job=other)
+    remove_solution(workspace, "one", job="first")
+    folder = workspace.root / "solutions"
+    assert {path.name for path in folder.iterdir()} == {".lock", ".removed.json"}
+    # A later one of the name is not what the job was to remove.
+    made(workspace, "one", 0.2)
+    remove_solution(workspace, "one", job="first")
+    assert (folder / "one").is_dir()
+    remove_solution(workspace, "one", job="second")
+    assert not (folder / "one").exists()
 
 
 def forge(workspace: Workspace, of: str, checksum: str = "right", **changed: Any) -> None:

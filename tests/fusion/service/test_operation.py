@@ -16,7 +16,7 @@ import pytest
 from collector import Collector, collector
 from command_line import ROOT, called, refused
 from served import MAPLETS
-from server_process import ServerProcess, wait_for
+from server_process import ASKING_S, ServerProcess, wait_for
 
 
 @pytest.fixture
@@ -50,11 +50,18 @@ def test_spans_logs_and_metrics_of_a_run(
                 json={"kind": "run", "parameters": {"stages": ["mapolas"]}},
                 headers={"traceparent": f"00-{asked}-b7ad6b7169203331-01"},
             ).json()["id"]
-            wait_for(lambda: client.get(f"/api/v1/jobs/{job}").json()["state"] == "finished")
-            wait_for(lambda: client.get("/ready").json()["checks"]["workers"] == "ok")
+            wait_for(
+                lambda: client.get(f"/api/v1/jobs/{job}").json()["state"] == "finished",
+                every=ASKING_S,
+            )
+            wait_for(
+                lambda: client.get("/ready").json()["checks"]["workers"] == "ok", every=ASKING_S
+            )
             called("serve", "backup", folder, folder / "store.sqlite")
             # Events are looked for a few times a second.
-            wait_for(lambda: "spcola_jobs_ended_total{" in client.get("/metrics").text)
+            wait_for(
+                lambda: "spcola_jobs_ended_total{" in client.get("/metrics").text, every=ASKING_S
+            )
             metrics = client.get("/metrics").text
     finally:
         assert server.stop() == 0

@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import call, called
+from command_line import call, called, refused
 from scipy.spatial.transform import Rotation
 
 from fusion.registration.results.keys import OLD_KEYS, REGISTRATION_KEYS
 from fusion.runtime import Progress, ThreadExecutor
+from fusion.stages.photometry import PHOTOMETRY_KEYS
 from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
@@ -258,3 +259,30 @@ def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace, fo
     path.write_text(text.replace('"lunar-lambert"', '"moonish"'))
     assert "'moonish' is none of" in call("register", workspace[0], code=1).output
     path.write_text(text)
+
+
+def test_the_photometric_function_of_the_images_is_preferred(workspace):
+    """They were made with the lunar-Lambert function of McEwen's numbers."""
+    mcewen = "lunar-lambert a=-0.019 b=2.42e-4 c=-1.46e-6"
+    given = ["--function", mcewen, "--function", "lambert", "--function", "minnaert"]
+    content = called("photometry", "fit", workspace[0], *given)
+    (found,) = content["filters"]
+    best = found["functions"][0]
+    assert best["setting"] == "lunar-lambert a=-0.019 b=0.000242 c=-1.46e-06"
+    assert "lambert" not in found["as_good"]
+    assert 50 < found["n_independent"] < found["n_samples"]
+    k = next(one for one in found["functions"] if one["name"] == "minnaert")["parameters"]["k"]
+    assert 0.4 < k["value"] < 0.8
+    written = json.loads((workspace[0] / "photometry.json").read_text())
+    assert written["filters"] == content["filters"]
+    assert set(written) == {key for key in PHOTOMETRY_KEYS if "[" not in key}
+    held = called("photometry", "fit", workspace[0], "--function", "minnaert k_slope=0")
+    assert list(held["filters"][0]["functions"][0]["parameters"]) == ["k"]
+    # The line that is printed is a setting.
+    set_keys(workspace[0], "register", photometry=held["filters"][0]["setting"])
+    assert Workspace.open(workspace[0]).settings().registration.photometry.startswith("minnaert k=")
+    set_keys(workspace[0], "register", photometry="lunar-lambert")
+    assert "no image is of the filter" in refused(
+        "photometry", "fit", workspace[0], "--filter", "v"
+    )
+    assert "is none of" in refused("photometry", "fit", workspace[0], "--function", "moonish")

@@ -113,7 +113,7 @@ def test_a_notebook_registers_and_fuses_as_the_stages_do(shown: Demonstration) -
 
 def test_every_model_of_the_workspace_is_compared_with_the_truth(shown: Demonstration) -> None:
     root = shown.workspace.root
-    words = ["truth", "assess", root, "--truth", root.parent / "mission", "--vertices", 2000]
+    words = ["truth", "assess", root, "--truth", root.parent / "mission", "--vertices", 500]
     result = CliRunner().invoke(app, [*map(str, words), "--json"])
     assert result.exit_code == 0, result.output
     content = json.loads(result.stdout)
@@ -164,7 +164,7 @@ def test_a_cluster_makes_the_same_bytes(shown: Demonstration, tmp_path: Path) ->
     workspace = Workspace.open(other)
     # Drawing the report is no work for a cluster.
     stages = [stage for stage in load_stages() if stage.name != "report"]
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=":0") as cluster:
         executor = ClusterExecutor(str(cluster.scheduler_address))
         runs = Pipeline(workspace, workspace.settings(), stages, executor).run(force=True)
         executor.close()

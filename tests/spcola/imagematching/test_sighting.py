@@ -160,3 +160,24 @@ def test_images_are_chosen_by_what_they_add(waves, photographs):
     views = [image.position - grid.center for image in two]
     cosine = views[0] @ views[1] / np.linalg.norm(views[0]) / np.linalg.norm(views[1])
     assert cosine < np.cos(np.radians(35.0))
+
+
+def test_images_are_chosen_for_light_that_differs(waves):
+    """Of two coarser images, the one in another light comes first for photoclinometry."""
+    grid, light = waves.grid, [0.6, 0.0, 0.8]
+    images = [
+        waves.photograph(name, toward, sun, pixel=pixel, size=40, samples=1)
+        for name, toward, sun, pixel in (
+            ("A", [0.5, 0.0, 1.0], light, 0.6),
+            ("B", [-0.5, 0.0, 1.0], light, 0.6),
+            ("C", [0.0, 0.5, 1.0], light, 0.6),
+            ("OTHER", [-0.1, -0.3, 1.0], [0.0, 0.6, 0.8], 1.2),
+        )
+    ]
+
+    def names(options):
+        return [image.name for image in choose_images(grid, images, options=options)]
+
+    # Two directions of view come first: without them the place is not determined.
+    assert "OTHER" in names(ChoiceOptions(most=3, light=lambert))
+    assert names(ChoiceOptions(most=4))[-1] == "OTHER"

@@ -91,6 +91,25 @@ def test_other_ground_stands_in_the_way_but_not_from_within(waves):
     assert view_of(image, grid, flat, beyond=RayCaster(turned)).lit.all()
 
 
+def test_ground_that_hangs_over_the_grid_shades_and_hides_it(waves):
+    grid, flat = waves.grid, np.zeros(waves.grid.shape)
+    image = waves.photograph("A", NADIR, [0.05, 0.0, 1.0], samples=1)
+
+    def roof(height):
+        """A large plate over the grid, facing it: the other lobe of a body."""
+        corners = np.array([[-99, -99, height], [-99, 99, height], [99, 99, height]])
+        return RayCaster(Mesh(grid.center + corners @ grid.axes, [[0, 1, 2]]))
+
+    dark = view_of(image, grid, flat, beyond=roof(0.9 * grid.radius))
+    # Half of the plate is missing: that is lit, and seen.
+    x, y = np.meshgrid(grid.offsets, grid.offsets)
+    assert not dark.lit[y > x + 8].any()
+    assert not dark.seen[y > x + 8].any()
+    assert dark.lit[y < x - 8].all()
+    # A little higher than the ground it is a coarse picture of it.
+    assert view_of(image, grid, flat, beyond=roof(0.1 * grid.radius)).lit[1:-1].all()
+
+
 def test_thresholds_frame_and_geometry(waves):
     image = waves.photograph("A", NADIR, LIGHT, samples=1, size=30)
     pixels = np.full((30, 30), 500)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spcola.camera import ImagePoint, project_image
+from spcola.control import overlaps_of
 from spcola.grids import MapletGrid
 from spcola.math import Similarity, lattice
 from spcola.truth.body import stream
@@ -17,7 +18,6 @@ from spcola.truth.campaign.states import SolvedState, StateSettings, make_state
 from spcola.truth.campaign.stations import Station
 from spcola.truth.sampled import SampledSurface
 from spcola.truth.solution import landmarks_of, measure_landmarks
-from spcola.truth.solution.landmarks import overlaps_of
 
 RADIUS = 100.0
 TO_SPC = Similarity.from_rotation_vector([1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 0.99975)
@@ -192,7 +192,7 @@ def test_landmarks_list_their_pictures_in_the_order_of_the_images(sphere) -> Non
 
 def test_overlaps_are_the_projected_neighbours() -> None:
     maplets = _maplets(lattice(2000), gsd=1.0)
-    found = overlaps_of(maplets)
+    found = overlaps_of({m.name: m.grid for m in maplets})
     by_name = {m.name: m for m in maplets}
     for maplet, overlaps in list(zip(maplets, found, strict=True))[::101]:
         expected = set()

@@ -225,7 +225,7 @@ def test_files_of_an_image_are_read_back(tmp_path: Path) -> None:
         ({"exposure_iof": 0.0}, "exposure"),
         ({"exposure_share": 1.5}, "exposure"),
         ({"full_well": 0.0}, "exposure"),
-        ({"photometry": "hapke"}, "photometric"),
+        ({"photometry": "moonish"}, "photometric"),
     ],
 )
 def test_settings_out_of_range_are_refused(changes: dict, name: str) -> None:

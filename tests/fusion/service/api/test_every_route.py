@@ -12,6 +12,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from answer_check import examples_in, faults_of, invalid
 from asgi_client import AsgiClient
 from command_line import called
 from routes_walk import answers
@@ -25,7 +26,9 @@ from fusion.service.store import Scope, Store
 HTTP = Path(__file__).parents[4] / "docs" / "reference" / "http.md"
 BENNU = "/api/v1/workspaces/bennu"
 # What a workspace with mapolas alone does not have, and the page where it is not built.
-NOT_THERE = ("/results/", "/products", "/scale/", "/static/", "/fused", "source")
+NOT_THERE = (
+    "/results/", "/products", "/scale/", "/photoclinometry", "/static/", "/fused", "source",
+)  # fmt: skip
 
 
 OCTAHEDRON = """v 0.06 0 0\nv 0 0.06 0\nv -0.06 0 0\nv 0 -0.06 0\nv 0 0 0.06\nv 0 0 -0.06
@@ -85,6 +88,23 @@ def test_no_answer_names_a_path_of_the_machine(client: AsgiClient, served: Serve
     assert hidden not in refused.content
     for name in ("catalog.sqlite", "provenance/ingest.json"):
         assert client.get(f"{BENNU}/files/{name}").status_code == 404
+
+
+def test_answers_and_examples_are_as_described(client: AsgiClient) -> None:
+    described = client.get("/api/v1/openapi.json").json()
+    tried = 0
+    for route, answer in answers(client, "bennu"):
+        if route in ("/", "/static/{path:path}"):
+            continue
+        assert faults_of(described, "GET", route, answer) == [], answer.url
+        tried += answer.status_code == 200
+    assert tried > 80
+    for name, (schema, example) in examples_in(described).items():
+        assert schema, name
+        assert invalid(described, schema, example) == [], name
+    schema, example = examples_in(described)["GET /api/v1/workspaces/{workspace}"]
+    assert invalid(described, schema, example | {"maplets": "many"})
+    assert invalid(described, schema, example | {"more": 1})
 
 
 def test_all_lists_have_pages(client: AsgiClient) -> None:

@@ -12,6 +12,7 @@ from asgi_client import AsgiClient
 from fusion.service.api import Service, create_app
 from fusion.service.api.errors import RequestRefusedError
 from fusion.service.api.upload_file import clean_name
+from fusion.service.state import outputs_folder
 
 CONTENT = bytes(range(256)) * 20
 PART = {"Content-Type": "application/offset+octet-stream"}
@@ -101,6 +102,29 @@ def test_users_workspaces_and_the_disk_have_room_for_so_much(
         monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
         assert refusal(places[1], 1001)[0] == "disk-full"
         assert client.post(places[1], json=asked | {"size": 1000}).status_code == 201
+
+
+def test_jobs_that_write_outputs_are_refused_beyond_the_quota(service: Service) -> None:
+    service.limits = replace(service.limits, outputs_bytes=100)
+    jobs = PLACE.replace("uploads", "jobs")
+    export = {"kind": "solution-export", "parameters": {"name": "imported", "folder": "again"}}
+    kept = outputs_folder(service.root, "ball") / "spc" / "all.txt"
+    kept.parent.mkdir(parents=True)
+    kept.write_bytes(b"x" * 99)
+    with AsgiClient(create_app(service)) as client:
+        assert client.post(jobs, json=export).status_code == 202
+        kept.write_bytes(b"x" * 100)
+        answer = client.post(jobs, json=export)
+        problem = answer.json()
+        assert (answer.status_code, problem["code"]) == (413, "over-quota")
+        assert (problem["where"], problem["do"]) == ("ball", "download and remove some")
+        assert "100 bytes" in problem["detail"]
+        # What writes no outputs, and another workspace, are not concerned.
+        run = {"kind": "run", "parameters": {"stages": ["mapolas"]}}
+        assert client.post(jobs, json=run).status_code == 202
+        assert client.post(jobs.replace("ball", "other"), json=export).status_code == 202
+        assert client.delete(PLACE.replace("uploads", "outputs/spc")).status_code == 204
+        assert client.post(jobs, json=export).status_code == 202
 
 
 @pytest.mark.parametrize(

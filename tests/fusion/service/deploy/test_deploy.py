@@ -22,9 +22,10 @@ import httpx
 import pytest
 import yaml
 from command_line import ROOT
-from server_process import wait_for
+from server_process import ASKING_S, wait_for
 
 DEPLOY = ROOT / "scripts" / "deploy"
+NO_WORKERS = ("--workers", "0")
 STATED = re.compile(r"\$\{(\w+)(?::\?[^}]*)?\}")
 
 
@@ -65,12 +66,12 @@ def running(command: list[str], **environment: str) -> Iterator[subprocess.Popen
         process.wait()
 
 
-def serving(options: list[str], folder: Path, port: int) -> list[str]:
-    """Return the command of a recipe with another folder and port."""
+def serving(options: list[str], folder: Path, port: int, *more: str) -> list[str]:
+    """Return the command of a recipe with another folder and port, and more options."""
     place = next(index for index, word in enumerate(options) if word.startswith("/"))
     options = [*options[:place], str(folder), *options[place + 1 :]]
     options[options.index("--port") + 1] = str(port)
-    return [sys.executable, "-m", "fusion.cli", "serve", *options]
+    return [sys.executable, "-m", "fusion.cli", "serve", *options, *more]
 
 
 def free_port() -> int:
@@ -109,8 +110,8 @@ def test_the_command_of_the_unit_serves_and_drains(tmp_path: Path) -> None:
     folder, port = words[3], free_port()
     written = dict(unit())["ReadWritePaths"]
     assert folder == written
-    with running(serving(words[2:], tmp_path, port), **given):
-        wait_for(lambda: answers(f"http://127.0.0.1:{port}"))
+    with running(serving(words[2:], tmp_path, port, *NO_WORKERS), **given):
+        wait_for(lambda: answers(f"http://127.0.0.1:{port}"), every=ASKING_S)
         url = f"http://127.0.0.1:{port}/api/v1/workspaces"
         assert httpx.get(url, headers={"Host": given["SPCOLA_NAME"]}).status_code == 401
         assert httpx.get(url, headers={"Host": "other.example.org"}).status_code == 421
@@ -152,8 +153,8 @@ def test_the_command_and_the_health_check_of_the_image(tmp_path: Path) -> None:
     port = free_port()
     check = [sys.executable, check[1], check[2].replace(":8080/", f":{port}/")]
     assert subprocess.run(check, check=False, stderr=subprocess.DEVNULL).returncode
-    with running(serving(json.loads(last["CMD"]), tmp_path, port)):
-        wait_for(lambda: answers(f"http://127.0.0.1:{port}"))
+    with running(serving(json.loads(last["CMD"]), tmp_path, port, *NO_WORKERS)):
+        wait_for(lambda: answers(f"http://127.0.0.1:{port}"), every=ASKING_S)
         subprocess.run(check, check=True)
 
 
@@ -185,6 +186,7 @@ def test_the_compose_file() -> None:
     assert services["scheduler"]["image"] == services["server"]["image"]
 
 
+@pytest.mark.slow
 def test_a_job_on_the_cluster_of_the_compose_file(ball: Path, tmp_path: Path) -> None:
     made = tmp_path / "certificates"
     subprocess.run([DEPLOY / "certificates", made], check=True, stdout=subprocess.DEVNULL)
@@ -217,7 +219,7 @@ def test_a_job_on_the_cluster_of_the_compose_file(ball: Path, tmp_path: Path) ->
         ),
         running(serving(words("server"), folder, place), **given),
     ):
-        wait_for(lambda: answers(f"http://127.0.0.1:{place}"))
+        wait_for(lambda: answers(f"http://127.0.0.1:{place}"), every=ASKING_S)
         token = subprocess.run(
             [sys.executable, "-m", "fusion.cli", "serve", "token", "add", folder, "ann",
              "--scope", "run"],
@@ -229,4 +231,8 @@ def test_a_job_on_the_cluster_of_the_compose_file(ball: Path, tmp_path: Path) ->
         ) as client:
             run = {"kind": "run", "parameters": {"stages": ["mapolas"]}}
             job = client.post("/workspaces/ball/jobs", json=run).json()["id"]
-            wait_for(lambda: client.get(f"/jobs/{job}").json()["state"] == "finished", 120)
+            wait_for(
+                lambda: client.get(f"/jobs/{job}").json()["state"] == "finished",
+                120,
+                every=ASKING_S,
+            )

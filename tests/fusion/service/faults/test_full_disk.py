@@ -53,7 +53,8 @@ def test_jobs_stop_on_a_full_disk_and_go_on_when_there_is_room(
             job = served.submit(stages=["mapolas"])
             # Some items have room; then neither they nor the store have.
             filler = fill(disk, 600_000)
-            served.work(disk_wait_s=0.2, lease_s=0.6)
+            # A long lease: where the machine is slow, its renewals would fill the room for items.
+            served.work(disk_wait_s=0.2, lease_s=30.0, renew_s=10.0)
             assert shutil.disk_usage(disk).free < 600_000
             kept = {path.name: path.stat().st_ino for path in disk.glob("ball/.items/*/[!.]*.npz")}
             assert kept

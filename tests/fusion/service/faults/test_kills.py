@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 from damage import files_in
-from server_process import ServerProcess, wait_for
+from server_process import ASKING_S, ServerProcess, wait_for
 
 JOBS = "/api/v1/workspaces/ball/jobs"
 
@@ -38,9 +38,9 @@ def test_what_is_killed_goes_on_and_a_damaged_store_is_made_again(
         def job_now() -> dict:
             return client.get(f"/api/v1/jobs/{job}").json()
 
-        wait_for(lambda: job_now()["state"] == "running")
+        wait_for(lambda: job_now()["state"] == "running", every=ASKING_S)
         second.kill_worker()
-        wait_for(lambda: job_now()["state"] not in ("waiting", "running"))
+        wait_for(lambda: job_now()["state"] not in ("waiting", "running"), every=ASKING_S)
         done = job_now()
     assert done["state"] == "finished", done
     assert done["tries"] >= 2

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from damage import files_in
 from postgresql import find_program, postgresql_server
-from server_process import ServerProcess, wait_for
+from server_process import ASKING_S, ServerProcess, wait_for
 
 JOBS = "/api/v1/workspaces/ball/jobs"
 
@@ -45,7 +45,7 @@ def test_a_restart_costs_retries_and_nothing_else(
                         odd.append(one.text)
                 if found[2].status_code == 202:
                     acknowledged[key] = found[2].json()["id"]
-                time.sleep(0.02)
+                time.sleep(ASKING_S)
 
     with postgresql_server() as postgresql:
         server = serve("--store", postgresql.new_database("store"))
@@ -61,7 +61,10 @@ def test_a_restart_costs_retries_and_nothing_else(
                 time.sleep(0.5)
                 postgresql.start()
                 time.sleep(0.5)
-            wait_for(lambda: client.get(f"/api/v1/jobs/{job}").json().get("state") == "finished")
+            wait_for(
+                lambda: client.get(f"/api/v1/jobs/{job}").json().get("state") == "finished",
+                every=ASKING_S,
+            )
             over.set()
             for user in users:
                 user.join()

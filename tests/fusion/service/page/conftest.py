@@ -24,9 +24,10 @@ def folder(by_command: tuple[Path, dict], tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.fixture(scope="module")
-def served(folder: Path) -> Iterator[str]:
-    """The URL of a running service."""
-    with ServerProcess(folder) as server:
+def served(folder: Path, request: pytest.FixtureRequest) -> Iterator[str]:
+    """The URL of a running service; it has a worker where the module sets `HAS_JOBS`."""
+    workers = "1" if getattr(request.module, "HAS_JOBS", False) else "0"
+    with ServerProcess(folder, "--workers", workers) as server:
         yield server.url
 
 

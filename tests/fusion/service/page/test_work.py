@@ -19,6 +19,7 @@ from spcola.formats.shapes import write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
 PATIENCE_MS = 60_000
+HAS_JOBS = True
 
 
 def test_a_run_is_forecast_submitted_and_watched(page: Any) -> None:
@@ -110,6 +111,10 @@ def test_forms_take_files_columns_and_names(page: Any, served: str, tmp_path: Pa
     (job, *_) = httpx.get(f"{served}api/v1/workspaces/ball/jobs").json()["jobs"]
     assert job["parameters"].keys() == {"uploads", "columns"}
     assert job["parameters"]["columns"] == {"x": "east [m]", "y": "north [m]", "z": "up [m]"}
+    page.goto("/#/ball/jobs/uploads")
+    page.get_by_role("button", name="Remove all imported").click()
+    expect(page.locator("main [role=status]")).to_contain_text("1 upload is removed")
+    expect(page.get_by_role("row").filter(has_text="table.csv")).to_have_count(0)
 
 
 def test_what_the_service_refuses_is_marked_in_the_form(page: Any) -> None:
@@ -165,6 +170,16 @@ def test_tokens_are_made_shown_once_and_revoked(page: Any, served: str) -> None:
     headers = {"Authorization": f"Bearer {secret}"}
     asked = f"{served}api/v1/caller"
     assert httpx.get(asked, headers=headers).json() == {"user": "eve", "scopes": {"ball": "read"}}
+    with page.context.new_page() as reader:
+        reader.goto("/")
+        reader.evaluate("secret => sessionStorage.setItem('spcola-token', secret)", secret)
+        reader.goto("/#/ball/jobs/new/images")
+        reader.reload()
+        expect(reader.get_by_role("note")).to_contain_text("may read ball, not run jobs in it")
+        expect(reader.locator("form")).to_be_hidden()
+        reader.goto("/#/ball/jobs")
+        expect(reader.get_by_role("link", name="Uploads")).to_be_visible()
+        expect(reader.get_by_role("link", name="New run")).to_be_hidden()
     page.on("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name=re.compile("of eve")).click()
     expect(page.get_by_role("row").filter(has_text="eve")).to_contain_text("revoked")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from command_line import called
 from damage import files_in
-from server_process import ServerProcess, wait_for
+from server_process import ASKING_S, ServerProcess, wait_for
 
 RUN = {"kind": "run", "parameters": {"stages": ["mapolas"]}}
 
@@ -29,14 +29,14 @@ def test_jobs_survive_a_restore(
                 return client.post("/api/v1/workspaces/ball/jobs", json=RUN).json()["id"]
 
             first, second = submit(), submit()
-            wait_for(lambda: state(first) == "running")
+            wait_for(lambda: state(first) == "running", every=ASKING_S)
             called("serve", "backup", missions, tmp_path / "backup.sqlite")
             after = submit()
             # The worker goes on with the job that the backup has as running; what was submitted
             # later is forgotten.
             called("serve", "restore", missions, tmp_path / "backup.sqlite")
             assert state(after) == "unknown"
-            wait_for(lambda: {state(first), state(second)} == {"finished"}, 120)
+            wait_for(lambda: {state(first), state(second)} == {"finished"}, 120, every=ASKING_S)
             actions = [one["action"] for one in client.get("/api/v1/audit").json()["entries"]]
             assert "store-restored" in actions
     finally:

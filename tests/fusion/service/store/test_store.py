@@ -318,3 +318,12 @@ def test_finished_runs_are_recovered_from_the_workspaces(store: Store, tmp_path:
     assert store.audit.entries()[0].action == "run-recovered"
     record_recovered_runs(store, roots)
     assert len(store.jobs()) == 1
+
+
+def test_jobs_that_only_read_go_along_with_others(store: Store) -> None:
+    for kind in (JobKind.RUN, JobKind.RUN, JobKind.LOOK, JobKind.INFO):
+        store.submit(JobRequest(kind, "bennu", "ada"))
+    claimed = [store.claim(f"w{number}", 60.0) for number in range(4)]
+    assert [one and one.request.kind for one in claimed] == [
+        JobKind.RUN, JobKind.LOOK, JobKind.INFO, None,
+    ]  # fmt: skip

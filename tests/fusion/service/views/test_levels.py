@@ -62,6 +62,9 @@ def test_a_profile_of_a_plane_is_a_line_and_its_values_are_those_of_points() -> 
     assert middle["radius_m"] == pytest.approx(np.linalg.norm(grid.center + 5.0 * grid.uz))
     with pytest.raises(InvalidValueError, match="is not on the grid, within ± 200 m"):
         value_at(surface, 0.0, 201.0)
+    # The largest numbers too, though they overflow in grid steps.
+    with pytest.raises(InvalidValueError, match="is not on the grid"):
+        value_at(surface, 0.0, 1.7e308)
 
 
 def test_nothing_unknown_becomes_a_number() -> None:

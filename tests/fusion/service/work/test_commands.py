@@ -17,10 +17,12 @@ from served import Service
 from star_cruise import Cruise, check_calibration
 
 from fusion.cli.app import app
+from fusion.pipeline.solutions import MadeBy, making_solution, remove_solution
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind, JobState
 from fusion.service.views.history import run_record, run_request, runs_compared
 from fusion.service.work.parameters import EXAMPLES, PARAMETERS, parameters_of
+from fusion.stages.images.catalogue import read_catalogue
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from spcola.camera import Camera
@@ -32,14 +34,14 @@ from spcola.navigation import Spin, et_from_utc, utc_from_et
 SPIN = Spin(85.45, -60.37, 140.69, 2011.15)
 START = et_from_utc("2019-03-03T10:59:40.279")
 READING = {
-    "info", "look", "align", "demo", "run", "solution list", "solution show", "solution diff",
+    "align", "demo", "run", "solution list", "solution show",
     "truth make", "init",
     "serve start", "serve worker", "serve backup", "serve restore",
     "job list", "job show", "job wait", "job cancel", "download", "serve settings",
     "serve token add", "serve token list", "serve token revoke",
 }  # fmt: skip
 """Commands that write to no workspace, or whose jobs have parameters of their own."""
-STAGES = {"mapolas", "register", "fuse", "bigmap", "scale", "release"}
+STAGES = {"mapolas", "register", "fuse", "bigmap", "scale", "release", "report"}
 
 
 def commands_of(group: typer.Typer, prefix: str = "") -> set[str]:
@@ -51,7 +53,8 @@ def commands_of(group: typer.Typer, prefix: str = "") -> set[str]:
 
 
 def test_every_command_that_writes_has_a_kind() -> None:
-    by_table = {one.name for one in COMMANDS.values()}
+    # `fuse` is a stage, and with --from images a kind of its own.
+    by_table = {one.name for one in COMMANDS.values()} - {"fuse --from images"}
     assert commands_of(app) - READING - STAGES == by_table
     assert {*COMMANDS, JobKind.RUN, JobKind.FORECAST, JobKind.SCALE_APPLY, JobKind.INIT} == {
         *JobKind
@@ -74,6 +77,7 @@ def test_the_example_of_each_kind_is_one() -> None:
         (JobKind.IMAGES, {"uploads": ["a"], "dark": {"output": "a/../b"}}, "dark"),
         (JobKind.IMAGES, {"uploads": ["/etc/passwd"]}, "uploads"),
         (JobKind.IMPORT, {"uploads": ["a"], "colums": {}}, "colums"),
+        (JobKind.LOOK, {"out": "../a.png"}, "out"),
     ],
 )
 def test_what_no_command_takes_is_refused(kind: JobKind, given: dict, text: str) -> None:
@@ -148,6 +152,15 @@ def test_images_states_kernels_and_exports(
     )  # fmt: skip
     done = finished(service, brought)
     assert [one["name"] for one in done["new"]] == [one["name"] for one in printed["new"]]
+    # The catalogue names files where they remain, not where the job read them.
+    uploads = service.folder / ".service" / "uploads"
+    catalogue = read_catalogue(Workspace.open(service.folder / "new"))
+    kept = {name: str(uploads / one / "file" / name) for name, one in ids.items()}
+    for record in catalogue.values():
+        assert record.source == kept[record.original]
+        assert Path(record.source).is_file()
+        assert record.state is not None
+        assert (record.state["from"], record.camera) == (kept["poses.csv"], kept["nac.toml"])
     outputs = service.folder / ".service" / "outputs" / "new"
     called("kernels", by_hand, tmp_path / "kernels")
     called("solution", "export", by_hand, "imported", tmp_path / "spc")
@@ -246,6 +259,27 @@ def test_solutions_are_used_and_removed(service: Service) -> None:
     assert finished(service, jobs[0]) == {"in_use": "imported"}
     errors = [service.store.job(job.id).error for job in jobs[1:]]
     assert [one and one.code for one in errors] == ["workspace", "workspace", "invalid-value"]
+
+
+def test_a_solution_that_a_lost_worker_removed_is_removed(service: Service) -> None:
+    workspace = Workspace.open(service.workspace)
+    with making_solution(workspace, "scaled", MadeBy("a test", {}, {}, {})):
+        pass
+    jobs = {}
+    # Both were begun by a worker that was lost; it had removed the one, and not recorded that.
+    for name in ("scaled", "never"):
+        jobs[name] = service.submit(JobKind.SOLUTION_REMOVE, name=name)
+        claimed = service.store.claim("lost", 60.0)
+        assert claimed is not None
+        assert claimed.id == jobs[name].id
+        if name == "scaled":
+            remove_solution(workspace, name, job=claimed.id)
+        service.store.give_back(claimed.id, "lost")
+        service.work()
+    assert finished(service, jobs["scaled"]) == {"removed": "scaled"}
+    error = service.store.job(jobs["never"].id).error
+    assert error is not None
+    assert "there is no solution 'never'" in error.text
 
 
 def test_a_run_on_a_real_scheduler_and_a_reproduced_one_are_that_of_the_command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -23,6 +24,7 @@ from served import MAPLETS, OPTIONS, Service
 from server_process import wait_for
 
 import fusion.runtime.cluster
+from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.runtime.children import ProcessExecutor
 from fusion.runtime.processes import ProcessLimits
 from fusion.service.jobs import Job, JobKind, JobRequest, JobState
@@ -30,9 +32,17 @@ from fusion.service.work import Places, Supervisor, worker_command
 from fusion.service.work.kinds import Assignment, perform_job
 from fusion.service.work.report import JobReport
 from fusion.truth import make_mission
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.solution_records import derived_names
+from spcola.errors import WorkspaceError
 
 Items = Callable[[], dict[str, int]]
+OCTAHEDRON = """v 0.06 0 0\nv 0 0.06 0\nv -0.06 0 0\nv 0 -0.06 0\nv 0 0 0.06\nv 0 0 -0.06
+f 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\nf 2 1 6\nf 3 2 6\nf 4 3 6\nf 1 4 6\n"""
+UNMOVED = {
+    "model": "similarity", "scale": 1.0, "rotation_deg": [0, 0, 0], "translation_m": [0, 0, 0],
+    "per_scan": [], "per_mapola": [],
+}  # fmt: skip
 
 
 def check_same(service: Service, job: Job, by_command: tuple[Path, dict]) -> None:
@@ -85,6 +95,84 @@ def test_a_stopped_job_keeps_its_items_and_goes_on_there(
     assert {name: items()[name] for name in kept} == kept
 
 
+def cancelled_at(service: Service, job: Job, made: Callable[[], set[str]]) -> set[str]:
+    """Cancel a job once it has made a file; return the files that it leaves."""
+    with as_soon_as(made, partial(service.store.cancel, job.id)):
+        service.work(threads=1)
+    assert service.store.job(job.id).state is JobState.CANCELLED
+    assert not [*service.folder.rglob("*.part")]
+    return made()
+
+
+def test_a_cancelled_import_keeps_its_scans_and_the_next_brings_the_others(
+    service: Service,
+) -> None:
+    rng = np.random.default_rng(5)
+
+    def table() -> bytes:
+        points = rng.normal([60.0, 0.0, 0.0], 1.0, (4000, 3)).round(4)
+        return "\n".join(["x,y,z", *(",".join(map(str, one)) for one in points)]).encode()
+
+    names = {f"t{number:02d}" for number in range(12)}
+    uploads = [service.upload(f"{name}.csv", table()) for name in sorted(names)]
+    given = {"uploads": uploads, "columns": {axis: f"{axis} [m]" for axis in "xyz"}}
+
+    def scans() -> set[str]:
+        return {path.stem for path in (service.workspace / "scans").glob("t*.h5")}
+
+    kept = cancelled_at(service, service.submit(JobKind.IMPORT, **given), scans)
+    assert 0 < len(kept) < len(names)
+    inodes = {name: (service.workspace / "scans" / f"{name}.h5").stat().st_ino for name in kept}
+    again = service.submit(JobKind.IMPORT, **given)
+    service.work(threads=1)
+    done = service.store.job(again.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert scans() == names
+    assert {one["scan"] for one in done.result["scans"]} == names
+    for name, inode in inodes.items():
+        assert (service.workspace / "scans" / f"{name}.h5").stat().st_ino == inode
+
+
+@pytest.mark.slow
+def test_cancelled_bigmaps_are_made_to_the_bit_by_the_next_job(
+    service: Service, by_command: tuple[Path, dict]
+) -> None:
+    root = service.workspace
+    shutil.rmtree(root)
+    shutil.copytree(by_command[0], root)
+    (root / "SHAPEFILES" / "SHAPE.OBJ").write_text(OCTAHEDRON)
+    (root / "registration.json").write_text(json.dumps(UNMOVED))
+    maplet = Workspace.open(root).maplet("AA0010")
+    source = np.full(maplet.grid.shape, int(Source.BOTH))
+    sigma = np.full(maplet.grid.shape, 0.02)
+    fused = FusedMaplet(
+        "AA0010", maplet.grid, maplet.height, sigma=sigma, count=source, source=source
+    )
+    write_fused(root / "fused", [fused])
+    sites = [
+        {
+            "name": f"S{number:02d}",
+            "latitude_deg": 0.0,
+            "longitude_deg": 0.1 * number,
+            "size_m": 10.0,
+        }
+        for number in range(12)
+    ]
+    given = {"stages": ["bigmap"], "settings": {"bigmap": {"sites": sites}}}
+
+    def bigmaps() -> set[str]:
+        return {path.stem for path in (root / "bigmaps" / "returns").glob("[!.]*.MAP")}
+
+    left = cancelled_at(service, service.submit(JobKind.RUN, **given), bigmaps)
+    assert 0 < len(left) < len(sites)
+    before = files_in(root / "bigmaps" / "returns")
+    again = service.submit(JobKind.RUN, **given)
+    service.work(threads=1)
+    assert service.store.job(again.id).state is JobState.FINISHED
+    assert bigmaps() == {site["name"] for site in sites}
+    assert before.items() <= files_in(root / "bigmaps" / "returns").items()
+
+
 def test_a_worker_that_is_killed_costs_its_items_and_no_more(
     service: Service,
     items: Items,
@@ -103,7 +191,7 @@ def test_a_worker_that_is_killed_costs_its_items_and_no_more(
     (first,) = supervisor.workers.values()
     os.kill(first, signal.SIGKILL)
     kept = items()
-    wait_for(lambda: service.store.job(job.id).state.ended)
+    wait_for(lambda: service.store.job(job.id).state.ended, every=0.05)
     (second,) = supervisor.workers.values()
     supervisor.stop()
     assert second != first
@@ -234,13 +322,49 @@ def test_a_workspace_is_made_from_uploads(service: Service) -> None:
     assert [path.read_bytes() for path in there] == [path.read_bytes() for path in solution]
 
 
+def test_a_workspace_that_a_lost_worker_began_is_finished_by_the_next(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maplet = service.workspace / "MAPFILES" / "AA0000.MAP"
+    shape = service.upload("SHAPE.OBJ", OCTAHEDRON.encode(), "new")
+    given = {
+        "body": "Ball",
+        "shape": shape,
+        "uploads": [service.upload(maplet.name, maplet.read_bytes(), "new")],
+    }
+    job, root = service.submit_to("new", JobKind.INIT, **given), service.folder / "new"
+    file = Places(service.folder, service.store.uploads.get).upload_file("new", shape)
+    service.store.claim("lost", 60.0)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "copyfile", full)
+        with pytest.raises(WorkspaceError):
+            new_workspace(root, body="Ball", shape=file)
+    # A folder without all that was given is no workspace.
+    assert not (root / SETTINGS_FILE).exists()
+    new_workspace(root, body="Ball", shape=file)
+    service.store.lost("lost")
+    other = service.upload("SHAPE.OBJ", OCTAHEDRON.replace("0.06", "0.07").encode(), "new")
+    second = service.submit_to("new", JobKind.INIT, **given | {"shape": other})
+    service.work(threads=1)
+    done = service.store.job(job.id)
+    assert done.state is JobState.FINISHED, done.error
+    assert done.result["maplets"] == 1
+    error = service.store.job(second.id).error
+    assert error is not None
+    assert "another shape" in error.text
+
+
 def check_made_once(service: Service, codes: list[str]) -> None:
     """Assert that a job whose worker is lost before it records its solution makes no second one."""
     job = service.submit(JobKind.SCALE_APPLY, accept=codes)
     places = Places(service.folder, service.store.uploads.get)
     service.store.claim("lost", 60.0)
     with ProcessExecutor(1) as executor:
-        first = perform_job(Assignment(job, places, executor, JobReport(job, lambda _: None)))
+        first = perform_job(Assignment(job, places, executor, JobReport(job, lambda *_: None)))
     service.store.lost("lost")
     service.work()
     done = service.store.job(job.id)

@@ -36,6 +36,19 @@ def test_dark_flat_bits_filter_and_letter(given, made, tmp_path):
     np.testing.assert_allclose(dn[bright], wanted, atol=0.51)
 
 
+def test_encoded_brightness_is_decoded(given, made, tmp_path):
+    with fits.open(files(given, 0)[0]) as opened:
+        raw = opened[0].data.astype(float)
+    path = fits_file(tmp_path / "root.fit", np.rint(np.sqrt(raw)).astype(np.uint8))
+    (record,) = content("images", made.root, path, "--gamma", 2)["new"]
+    assert record["pixels"]["bits"] == 16
+    dn = read_image_data(made.exposure_path(record["name"]), SIZE, SIZE)
+    bright = raw > 1000
+    wanted = np.rint(np.sqrt(raw)) ** 2 * record["pixels"]["gain"]
+    np.testing.assert_allclose(dn[bright], wanted[bright], atol=0.51)
+    assert "--gamma" in refusal("images", made.root, path)
+
+
 def test_other_settings_for_the_same_image_are_refused(given, made):
     call("images", made.root, *files(given, 0))
     line = refusal("images", made.root, *files(given, 0), "--orientation", "mirrored-lines")

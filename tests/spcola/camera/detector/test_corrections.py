@@ -126,6 +126,18 @@ def test_the_chain_runs_in_the_order_of_the_detector(scene) -> None:
     assert np.max(np.abs(prepared.stored.dn - expected)) <= (1 if expected.max() < 65535 else 0)
 
 
+def test_a_square_root_encoding_is_undone(scene) -> None:
+    encoded = np.rint(255.0 * np.sqrt(scene / scene.max())).astype(np.uint8)
+    prepared = prepare_pixels(pixels_of(encoded), Preparation(gamma=2.0))
+    assert prepared.stored.dn.dtype == np.uint16
+    bright = scene > 0.1 * scene.max()
+    ratio = prepared.stored.dn[bright] / scene[bright]
+    # A step of the encoded numbers is 2 / 80 of the brightness there.
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=0.014)
+    with pytest.raises(InvalidValueError, match="gamma"):
+        Preparation(gamma=0.0)
+
+
 @pytest.mark.parametrize(
     "times", [(0.0, 1e-6, 0.0), (1.0, -1e-6, 0.0), (1e-3, 2e-3, 0.0), (np.nan, 1e-6, 0.0)]
 )

@@ -1,0 +1,89 @@
+"""Images and maplets that fit far worse than the others are named, and no others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusion.stages.lithos.outliers import outlier_findings
+from spcola.photometry.photoclinometry import Fit, ImageFit
+
+RNG = np.random.default_rng(3)
+
+
+@pytest.fixture
+def fits() -> dict[str, list[ImageFit]]:
+    """Twelve maplets, each in ten of fourteen images: noise of 1 to 4 %, shifts of 0.1 px."""
+    noise = RNG.uniform(0.01, 0.04, 14)
+    found = {}
+    for number in range(12):
+        images = RNG.choice(14, 10, replace=False)
+        found[f"AA{number:04d}"] = [
+            ImageFit(
+                f"I{k:02d}", Fit.USED, 2e4, tuple(RNG.normal(0, 0.1, 2)),
+                noise[k] * RNG.uniform(1.0, 1.3), 0.95, 900, (0.0, 0.0), noise[k], 0.3,
+            )
+            for k in images
+        ]  # fmt: skip
+    return found
+
+
+def changed(fits, change, *, image="", maplet=""):
+    """The fits of an image or a maplet, changed."""
+    return {
+        name: [change(fit) if image == fit.name or maplet == name else fit for fit in ones]
+        for name, ones in fits.items()
+    }
+
+
+def codes(fits):
+    return {one["code"]: one["names"] for one in outlier_findings(fits)}
+
+
+def test_nothing_is_named_where_all_fit_alike(fits):
+    assert codes(fits) == {}
+
+
+def test_residuals_far_from_the_others_are_named_and_noise_is_not(fits):
+    def more(fit):
+        return replace(fit, residual=4.0 * fit.residual)
+
+    def noisy(fit):
+        return replace(fit, residual=4.0 * fit.residual, noise=4.0 * fit.noise)
+
+    assert codes(changed(fits, more, image="I03")) == {"image-residual": ["I03"]}
+    assert codes(changed(fits, more, maplet="AA0007")) == {"maplet-residual": ["AA0007"]}
+    assert codes(changed(fits, noisy, image="I03")) == {}
+
+
+def test_shifts_far_from_the_others_are_named(fits):
+    def displaced(fit):
+        return replace(fit, shift_px=(1.5, -1.0))
+
+    assert codes(changed(fits, displaced, image="I05")) == {"image-shift": ["I05"]}
+    assert codes(changed(fits, displaced, maplet="AA0002")) == {"maplet-shift": ["AA0002"]}
+    tiny = {name: [replace(f, shift_px=(0.001, 0.0)) for f in ones] for name, ones in fits.items()}
+    little = changed(tiny, lambda fit: replace(fit, shift_px=(0.2, 0.0)), image="I05")
+    assert codes(little) == {}
+
+
+def test_an_image_is_not_blamed_for_the_maplets_that_it_shows(fits):
+    # All images of three maplets fit badly there; I13 shows only these.
+    bad = ("AA0000", "AA0001", "AA0002")
+    found = {
+        name: [
+            replace(fit, residual=5.0 * fit.residual) if name in bad else fit
+            for fit in ones
+            if name in bad or fit.name != "I13"
+        ]
+        for name, ones in fits.items()
+    }
+    assert set(codes(found)) == {"maplet-residual"}
+    assert sorted(codes(found)["maplet-residual"]) == list(bad)
+
+
+def test_few_are_not_compared(fits):
+    few = {name: ones[:3] for name, ones in list(fits.items())[:3]}
+    assert outlier_findings(few) == []

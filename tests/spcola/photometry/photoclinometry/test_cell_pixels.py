@@ -1,0 +1,109 @@
+"""Cells in pixels: areas, derivatives, and the gradient of the squared residuals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spcola.photometry.functions import PHOTOMETRIC_FUNCTIONS, photometric_function
+from spcola.photometry.photoclinometry.cell_pixels import gather_cells, shade_cells, spread_cells
+
+RNG = np.random.default_rng(3)
+CELLS = (7, 9)
+
+
+def shades_of(name, slopes):
+    function = photometric_function(name)
+    sun = np.array([0.5, -0.3, 0.8])
+    sun /= np.linalg.norm(sun)
+    eye = np.broadcast_to(np.array([-0.2, 0.4, 0.9])[:, None, None], (3, *CELLS)).copy()
+    eye /= np.linalg.norm(eye, axis=0)
+    phase = np.arccos(np.tensordot(sun, eye, 1))
+    found = np.empty((3, *CELLS))
+    shade_cells(int(function.code), function.packed, slopes, sun, eye, phase, found)
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(PHOTOMETRIC_FUNCTIONS))
+def test_derivatives_by_slopes_are_those_of_finite_differences(name):
+    slopes, step = RNG.normal(0.0, 0.2, (2, *CELLS)), 1e-6
+    found = shades_of(name, slopes)
+    for axis in range(2):
+        moved = np.zeros((2, 1, 1))
+        moved[axis] = step
+        change = shades_of(name, slopes + moved)[0] - shades_of(name, slopes - moved)[0]
+        np.testing.assert_allclose(found[1 + axis], change / (2 * step), rtol=1e-5, atol=1e-7)
+
+
+def places(*, tilt=0.3, pixel=0.7):
+    """Sample and line of points: turned, oblique, a cell is `pixel` wide."""
+    y, x = np.indices((CELLS[0] + 1, CELLS[1] + 1)).astype(float)
+    height = RNG.normal(0.0, 0.1, x.shape)
+    u = 4.0 + pixel * (x * np.cos(tilt) - y * np.sin(tilt)) + 0.3 * height
+    v = 4.0 + pixel * (x * np.sin(tilt) + 0.8 * y * np.cos(tilt)) - 0.2 * height
+    return u, v, np.full(x.shape, 0.3), np.full(x.shape, -0.2)
+
+
+def spread(where, layers, blur=0.0, shape=(20, 20)):
+    sums = np.zeros((1 + len(layers), *shape))
+    spread_cells(where[0], where[1], 1.0, blur, np.ones(CELLS), layers, sums)
+    return sums
+
+
+def test_light_is_conserved_and_ground_seen_evenly_is_even():
+    where, layer = places(), RNG.uniform(0.5, 1.5, (1, *CELLS))
+    sums = spread(where, layer)
+    u, v = where[:2]
+    diagonals = (u[1:, 1:] - u[:-1, :-1]) * (v[1:, :-1] - v[:-1, 1:])
+    diagonals -= (v[1:, 1:] - v[:-1, :-1]) * (u[1:, :-1] - u[:-1, 1:])
+    area = 0.5 * np.abs(diagonals)
+    assert sums[0].sum() == pytest.approx(area.sum(), rel=2e-3)
+    assert sums[1].sum() == pytest.approx((area * layer[0]).sum(), rel=5e-3)
+    blurred = spread(where, layer, blur=12 * 0.5**2)
+    assert blurred[1].sum() == pytest.approx(sums[1].sum(), rel=1e-12)
+
+
+def test_square_cells_have_their_exact_overlaps_with_pixels():
+    y, x = np.indices((CELLS[0] + 1, CELLS[1] + 1)).astype(float)
+    sums = spread((2.25 + 0.5 * x, 3.0 + 0.5 * y), np.ones((1, *CELLS)))
+    assert sums[0][4, 4] == pytest.approx(1.0)
+    assert sums[0][4, 2] == pytest.approx(0.75)
+    assert sums[0].sum() == pytest.approx(0.25 * CELLS[0] * CELLS[1])
+
+
+def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
+    """By slopes and albedo: of the sum of w r² over the pixels, exactly."""
+    where, slopes = places(), RNG.normal(0.0, 0.2, (2, *CELLS))
+    albedo, scale = RNG.uniform(0.8, 1.2, CELLS), 3.0
+    shades = shades_of("lunar-lambert", slopes)
+    sums = spread(where, (albedo * shades[0])[None])
+    used = sums[0] > 0.6
+    observed = RNG.uniform(0.5, 2.5, used.shape)
+
+    def residuals(slopes, albedo):
+        lit = spread(where, (albedo * shades_of("lunar-lambert", slopes)[0])[None])
+        return (observed - scale * lit[1] / np.maximum(lit[0], 1e-9))[used]
+
+    window = np.zeros((6, *used.shape))
+    window[0] = sums[0]
+    window[1][used] = 1.0
+    window[2][used] = residuals(slopes, albedo)
+    partials = scale * np.stack([albedo * shades[1], albedo * shades[2], shades[0]])
+    into = (
+        np.zeros((10, *CELLS)), np.zeros((4, *CELLS)), np.zeros((20, *CELLS)), np.zeros((5, 6)),
+    )  # fmt: skip
+    gather_cells(where, (1.0, 0.0, np.ones(CELLS)), window, partials, into)
+    step = 1e-6
+    for place in ((0, 0), (3, 4), (6, 8), (2, 7)):
+        for unknown in (0, 1, 3):
+            changed = []
+            for sign in (1.0, -1.0):
+                moved, bright = slopes.copy(), albedo.copy()
+                if unknown == 3:
+                    bright[place] += sign * step
+                else:
+                    moved[unknown][place] += sign * step
+                changed.append(0.5 * np.sum(residuals(moved, bright) ** 2))
+            gradient = -(changed[0] - changed[1]) / (2 * step)
+            assert into[1][unknown][place] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
+    assert into[3][0, 5] == pytest.approx(np.sum(window[2] * window[3]))

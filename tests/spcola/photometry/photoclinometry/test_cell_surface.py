@@ -1,0 +1,86 @@
+"""Heights from cells: against the dense normal matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spcola.photometry.photoclinometry.cell_surface import CellInformation, CellSurface
+
+RNG = np.random.default_rng(5)
+SHAPE, GSD, NUISANCES = (6, 8), 0.5, 3
+CELLS = (5, 7)
+
+
+def rows_of(i, j):
+    """∂h/∂x, ∂h/∂y, mean and twist of a cell as rows over all points."""
+    rows = np.zeros((4, *SHAPE))
+    rows[0, i : i + 2, j : j + 2] = np.array([[-1, 1], [-1, 1]]) / (2 * GSD)
+    rows[1, i : i + 2, j : j + 2] = np.array([[-1, -1], [1, 1]]) / (2 * GSD)
+    rows[2, i : i + 2, j : j + 2] = 0.25
+    rows[3, i : i + 2, j : j + 2] = [[1, -1], [-1, 1]]
+    return rows.reshape(4, -1)
+
+
+@pytest.fixture(scope="module")
+def dense():
+    """Random information, its dense matrix and right-hand side, nuisance parameters included."""
+    points, upper = SHAPE[0] * SHAPE[1], np.triu_indices(3)
+    matrix, right = np.zeros((points + NUISANCES,) * 2), np.zeros(points + NUISANCES)
+    normal, pull = np.zeros((6, *CELLS)), RNG.normal(size=(3, *CELLS))
+    coupled = 0.3 * RNG.normal(size=(NUISANCES, 3, *CELLS))
+    weight, heights = RNG.uniform(0.1, 1.0, SHAPE), RNG.normal(size=SHAPE)
+    twist = RNG.uniform(0.5, 1.0, CELLS)
+    matrix[:points, :points] += np.diag(weight.ravel())
+    right[:points] += heights.ravel()
+    for i in range(CELLS[0]):
+        for j in range(CELLS[1]):
+            root, rows = RNG.normal(size=(3, 3)), rows_of(i, j)
+            own = root @ root.T
+            normal[:, i, j] = own[upper]
+            matrix[:points, :points] += rows[:3].T @ own @ rows[:3]
+            matrix[:points, :points] += twist[i, j] * np.outer(rows[3], rows[3])
+            right[:points] += rows[:3].T @ pull[:, i, j]
+            cross = rows[:3].T @ coupled[:, :, i, j].T
+            matrix[:points, points:] += cross
+            matrix[points:, :points] += cross.T
+    nuisance = 60.0 * np.eye(NUISANCES) + 1.0
+    matrix[points:, points:] = nuisance
+    right[points:] = RNG.normal(size=NUISANCES)
+    assert np.linalg.eigvalsh(matrix)[0] > 0.0
+    cells = CellInformation(normal, pull, coupled, nuisance, right[points:])
+    return CellSurface(cells, GSD, weight, heights, twist), matrix, right
+
+
+def test_heights_and_nuisance_parameters_solve_the_dense_equations(dense):
+    surface, matrix, right = dense
+    heights, nuisance = surface.solve()
+    exact = np.linalg.solve(matrix, right)
+    np.testing.assert_allclose(heights.ravel(), exact[: heights.size], atol=2e-3)
+    np.testing.assert_allclose(nuisance, exact[heights.size :], atol=2e-3)
+
+
+def test_variances_are_those_of_the_dense_inverse(dense):
+    surface, matrix, _ = dense
+    exact = np.diag(np.linalg.inv(matrix))[: SHAPE[0] * SHAPE[1]]
+    np.testing.assert_allclose(surface.variance().ravel(), exact, rtol=1e-9)
+
+
+def test_a_direction_of_the_slope_enters_and_the_other_does_not():
+    """Slopes along a diagonal are known; heights along the other diagonal stay with the points."""
+    normal, right = np.zeros((6, *CELLS)), np.zeros((3, *CELLS))
+    normal[0], normal[1], normal[3] = 1e6, 1e6, 1e6
+    slope = 0.2
+    right[0] = right[1] = 1e6 * slope
+    empty = CellInformation(normal, right, np.zeros((0, 3, *CELLS)), np.zeros((0, 0)), np.zeros(0))
+    y, x = np.indices(SHAPE) * GSD
+    across = 0.05 * (x - y)
+    weight = np.full(SHAPE, 1e-3)
+    surface = CellSurface(empty, GSD, weight, weight * across, np.full(CELLS, 1e-6))
+    found, _ = surface.solve()
+    rise = 0.5 * slope * (x + y)
+    for k in range(1 - SHAPE[0], SHAPE[1]):
+        # Each diagonal has the mean of its points' own heights.
+        here = np.eye(*SHAPE, k=k, dtype=bool)
+        rise[here] -= rise[here].mean()
+    np.testing.assert_allclose(found, across + rise, atol=1e-3)

@@ -1,0 +1,344 @@
+"""Photoclinometry of photographs of waves, made without the code under test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from spcola.camera import project_image
+from spcola.errors import InvalidValueError, SettingsError
+from spcola.grids import Maplet
+from spcola.heights.slopes import slopes_of
+from spcola.photometry.functions import lambert
+from spcola.photometry.ground import at_cells
+from spcola.photometry.photoclinometry import (
+    AlbedoConvention,
+    Comparison,
+    Fit,
+    HeightConstraint,
+    Outcome,
+    PhotoclinometryOptions,
+    solve_photoclinometry,
+)
+
+# Directions to camera and Sun.
+SIGHTS = [
+    ([0.3, 0.0, 1.0], [0.7, 0.1, 0.8]),
+    ([-0.4, 0.2, 1.0], [-0.5, 0.4, 0.8]),
+    ([0.0, 0.4, 1.0], [0.1, 0.7, 0.8]),
+    ([0.1, -0.4, 1.0], [0.2, -0.6, 0.8]),
+    ([0.0, 0.0, 1.0], [-0.6, -0.3, 0.8]),
+    ([0.4, 0.4, 1.0], [0.5, -0.5, 0.8]),
+]
+KNOWN = 1e-14 * np.eye(6)
+FEW_ROUNDS = PhotoclinometryOptions(function=lambert, least_error=1e-3)
+# The function is right: brightness changes over the grid only as it states.
+NOISELESS = PhotoclinometryOptions(
+    function=lambert, least_error=1e-3, rounds=20, settled_gsd=1e-3, gradient_sigma=1e-4,
+    shift_sigma_px=1e-3, slope_sigma=1.0, albedo_sigma=0.2,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def photographs(painted):
+    return [
+        painted.photograph(f"I{k}", toward, sun, pixel=0.5, size=90)
+        for k, (toward, sun) in enumerate(SIGHTS)
+    ]
+
+
+def flat(grid):
+    return Maplet("FLAT", grid, np.zeros(grid.shape))
+
+
+def known_states(images):
+    return {image.name: KNOWN for image in images}
+
+
+def one_height(painted):
+    """The height of one point."""
+    height = np.full(painted.grid.shape, np.nan)
+    height[30, 30] = painted.heights()[30, 30]
+    return HeightConstraint.of_sigma("one", height, 1e-3)
+
+
+def inner(layer, edge=4):
+    return layer[..., edge:-edge, edge:-edge]
+
+
+def solved(painted, images, options=NOISELESS, **given):
+    given = {"constraints": [one_height(painted)], **given}
+    return solve_photoclinometry(
+        flat(painted.grid), images, known_states(images), options=options, **given
+    )
+
+
+@pytest.fixture(scope="module")
+def noiseless(painted, photographs):
+    return solved(painted, photographs)
+
+
+def test_noiseless_images_of_a_smooth_surface_return_slopes_albedo_and_heights(painted, noiseless):
+    truth = painted.heights()
+    error = inner(noiseless.maplet.height - truth)
+    assert np.sqrt(np.mean(error**2)) < 0.01 * np.std(truth)
+    slopes = np.array(slopes_of(noiseless.maplet.height, painted.grid.gsd))
+    wrong = inner(slopes - np.array(slopes_of(truth, painted.grid.gsd)))
+    assert np.sqrt(np.mean(wrong**2)) < 1e-3
+    albedo = inner(at_cells(noiseless.maplet.albedo) / painted.cell_albedo())
+    assert np.std(albedo) < 0.005
+    assert (noiseless.directions == 2).mean() > 0.9
+
+
+def test_images_are_found_where_they_are(noiseless):
+    for fit in noiseless.images:
+        assert fit.fit is Fit.USED
+        assert np.hypot(*fit.shift_px) < 0.01
+        assert fit.scale == pytest.approx(20000.0, rel=0.02)
+        assert fit.correlation > 0.99
+
+
+def test_the_order_of_the_images_does_not_matter(painted, photographs):
+    once = solved(painted, photographs, FEW_ROUNDS)
+    again = solved(painted, photographs[::-1], FEW_ROUNDS)
+    np.testing.assert_allclose(once.maplet.height, again.maplet.height, atol=1e-6)
+    assert [fit.name for fit in once.images] == [fit.name for fit in again.images][::-1]
+
+
+def test_displaced_images_are_moved_back(painted, photographs):
+    shift = np.array([[0.8, -0.5], [-0.6, 0.4], [0.3, 0.7], [-0.7, -0.6], [0.5, 0.4], [-0.3, -0.4]])
+    moved = [
+        replace(image, camera=replace(image.camera, center=image.camera.center + off))
+        for image, off in zip(photographs, shift, strict=True)
+    ]
+    loose = {image.name: np.diag([2e-4] * 2 + [1e-9] * 4) ** 2 for image in moved}
+    found = solve_photoclinometry(
+        flat(painted.grid), moved, loose, constraints=[one_height(painted)], options=FEW_ROUNDS
+    )
+    left = np.array([fit.shift_px for fit in found.images]) + shift
+    # A shift that all images share displaces the surface, and no image shows that.
+    assert np.abs(left - left.mean(axis=0)).max() < 0.1
+
+
+def test_stereo_gives_the_height_without_any_constraint(painted, photographs):
+    found = solve_photoclinometry(
+        flat(painted.grid), photographs, known_states(photographs), options=FEW_ROUNDS
+    )
+    # A height of 0.1 m displaces the ground by a tenth of a pixel in the most oblique images.
+    assert abs(np.mean(inner(found.maplet.height - painted.heights()))) < 0.1
+
+
+def test_images_in_one_light_determine_one_direction_of_the_slope(painted, noiseless):
+    light = [0.7, 0.0, 0.7]
+    images = [
+        painted.photograph(f"S{k}", toward, light, size=90)
+        for k, (toward, _) in enumerate(SIGHTS[:3])
+    ]
+    found = solved(painted, images, replace(FEW_ROUNDS, albedo_sigma=0.02))
+    assert np.median(inner(found.directions)) == 1
+    assert np.isinf(np.median(inner(found.slope_sigma[1])))
+    assert found.outcome is Outcome.UNDETERMINED
+    assert "both directions of the slope" in found.reason
+    # One slope is free, so that heights are hardly better known than without any image.
+    assert np.median(found.maplet.sigma) > 5.0 * np.median(noiseless.maplet.sigma)
+    heights = HeightConstraint.of_sigma("all", painted.heights(), 0.1)
+    constrained = solved(painted, images, FEW_ROUNDS, constraints=[heights])
+    assert constrained.outcome is not Outcome.UNDETERMINED
+    many = solved(
+        painted,
+        [*images, *(painted.photograph(f"T{k}", t, s) for k, (t, s) in enumerate(SIGHTS[1:4]))],
+        FEW_ROUNDS,
+    )
+    assert np.median(inner(many.directions)) == 2
+
+
+def test_a_direction_of_the_sun_with_its_sign_flipped_is_named(painted, photographs):
+    flipped = replace(
+        photographs[0],
+        sun=(painted.grid.axes @ photographs[0].sun * [-1, -1, 1]) @ painted.grid.axes,
+    )
+    found = solved(painted, [flipped, *photographs[1:]], FEW_ROUNDS)
+    assert [fit.fit for fit in found.images] == [Fit.SUN_REVERSED, *[Fit.USED] * 5]
+
+
+def test_suns_that_are_all_flipped_make_the_light_doubtful(painted, photographs):
+    turn = painted.grid.axes.T @ np.diag([-1.0, -1.0, 1.0]) @ painted.grid.axes
+    flipped = [replace(image, sun=turn @ image.sun) for image in photographs]
+    right, wrong = (solved(painted, images, FEW_ROUNDS) for images in (photographs, flipped))
+    assert right.light_ratio > 1.02
+    assert wrong.light_ratio == pytest.approx(1.0 / right.light_ratio, rel=0.02)
+
+
+def test_a_state_that_looks_away_does_not_disturb_the_others(painted, photographs):
+    away = replace(photographs[0], axes=photographs[0].axes * [[1.0], [-1.0], [-1.0]])
+    found = solved(painted, [away, *photographs[1:]], FEW_ROUNDS)
+    assert [fit.fit for fit in found.images] == [Fit.NOT_SEEN, *[Fit.USED] * 5]
+    assert np.std(inner(found.maplet.height - painted.heights())) < 0.02 * painted.heights().std()
+
+
+def test_images_of_other_ground_are_named_and_little_harm_is_done(painted, photographs):
+    other = replace(photographs[3], pixels=photographs[3].pixels[::-1, ::-1].copy())
+    found = solved(painted, [*photographs[:3], other, *photographs[4:]], FEW_ROUNDS)
+    assert [fit.name for fit in found.images if fit.fit is not Fit.USED] == ["I3"]
+
+
+def test_cosmic_rays_and_saturated_pixels_do_not_matter(painted, photographs):
+    rng = np.random.default_rng(1)
+    struck = []
+    for image in photographs:
+        pixels = image.pixels.copy()
+        pixels[rng.random(pixels.shape) < 0.01] = 60000
+        pixels[rng.random(pixels.shape) < 0.01] = 65500
+        struck.append(replace(image, pixels=pixels))
+    clean = solved(painted, photographs, FEW_ROUNDS).maplet.height
+    found = solved(painted, struck, FEW_ROUNDS).maplet.height
+    assert np.std(inner(found - clean)) < 0.01
+
+
+def test_coarser_images_never_make_the_finest_worse(painted, photographs):
+    coarse = [
+        painted.photograph(f"C{k}", toward, sun, pixel=1.5, size=40)
+        for k, (toward, sun) in enumerate(SIGHTS)
+    ]
+
+    truth = np.array(slopes_of(painted.heights(), 0.5))
+
+    def wrong(images):
+        height = solved(painted, images, FEW_ROUNDS).maplet.height
+        return np.std(inner(np.array(slopes_of(height, 0.5)) - truth))
+
+    fine = wrong(photographs)
+    assert wrong([*photographs, *coarse]) < 1.3 * fine
+    # Their pixels are three cells wide: that the model spreads cells over pixels sharpens them.
+    assert wrong(coarse) < 0.1 * np.std(truth)
+
+
+def test_too_few_images_keep_the_start(painted, photographs):
+    found = solved(painted, photographs[:1], FEW_ROUNDS)
+    assert found.outcome is Outcome.TOO_FEW_IMAGES
+    assert found.kept_start
+    np.testing.assert_array_equal(found.maplet.height, 0.0)
+    assert "1 of 1 images" in found.reason
+    dark = [replace(image, thresholds=(64000, 65000)) for image in photographs]
+    found = solved(painted, dark, FEW_ROUNDS)
+    assert found.outcome is Outcome.TOO_FEW_IMAGES
+    assert {fit.fit for fit in found.images} == {Fit.NOT_SEEN}
+
+
+def test_light_along_the_ground_determines_no_heights(painted, photographs):
+    """With the Sun 10 degrees high relief and scale are confused: shadows hide one side of it."""
+    low = [
+        painted.photograph(f"L{k}", toward, [*np.cos([k, k - np.pi / 2]), 0.18], size=90)
+        for k, (toward, _) in enumerate(SIGHTS[:4])
+    ]
+    alone = solved(painted, low, FEW_ROUNDS)
+    assert alone.outcome is Outcome.TOO_FEW_IMAGES
+    assert "4 of 4 images" in alone.reason
+    assert "0 with the Sun 20° high" in alone.reason
+    np.testing.assert_array_equal(alone.maplet.height, 0.0)
+    heights = HeightConstraint.of_sigma("all", painted.heights(), 0.1)
+    constrained = solved(painted, low, FEW_ROUNDS, constraints=[heights])
+    assert not constrained.kept_start
+    # What such images say of heights does not count in their sigmas.
+    high = solved(painted, photographs, FEW_ROUNDS, constraints=[heights])
+    assert np.median(constrained.maplet.sigma) > 2.0 * np.median(high.maplet.sigma)
+
+
+def test_ground_that_nothing_shows_stays_unknown(painted, photographs):
+    start = np.zeros(painted.grid.shape)
+    start[:20, :20] = np.nan
+    dark = []
+    for image in photographs:
+        line, pixel = np.indices(image.pixels.shape)
+        hidden = project_hole(image, painted.grid, line, pixel)
+        dark.append(replace(image, pixels=np.where(hidden, 0, image.pixels).astype(np.uint16)))
+    # A .MAP has no albedo where a height is missing.
+    albedo = np.where(np.isnan(start), np.nan, 0.5)
+    half = replace(FEW_ROUNDS, convention=AlbedoConvention.published(0.5))
+    found = solve_photoclinometry(
+        Maplet("HOLE", painted.grid, start, albedo), dark, known_states(dark), options=half,
+        constraints=[one_height(painted)],
+    )  # fmt: skip
+    assert np.isfinite(found.maplet.albedo).all()
+    assert np.mean(found.maplet.albedo) == pytest.approx(0.5, abs=0.02)
+    assert np.isnan(found.maplet.height[2:12, 2:12]).all()
+    assert (found.directions[2:12, 2:12] == 0).all()
+    assert np.isfinite(found.maplet.height[25:, 25:]).all()
+
+
+def project_hole(image, grid, line, pixel):
+    """Whether pixels lie within the projection of the grid's first 18 rows and columns."""
+    steps = np.linspace(-30, -12, 60) * grid.gsd
+    places = grid.center + steps[:, None, None] * grid.uy + steps[None, :, None] * grid.ux
+    column, row = project_image(image, places)
+    hole = np.zeros(line.shape, dtype=bool)
+    hole[np.rint(row).astype(int) - 1, np.rint(column).astype(int) - 1] = True
+    return ndimage.binary_closing(hole, iterations=2)
+
+
+def test_input_without_heights_or_pixels_is_refused(painted, photographs):
+    empty = Maplet("NONE", painted.grid, np.full(painted.grid.shape, np.nan))
+    with pytest.raises(InvalidValueError, match="no height to start from"):
+        solve_photoclinometry(empty, photographs, known_states(photographs))
+    blank = replace(photographs[0], pixels=None)
+    with pytest.raises(InvalidValueError, match="has no pixels"):
+        solve_photoclinometry(flat(painted.grid), [blank], known_states([blank]))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("levels", (4, 2)), ("levels", (1, 2, 1)), ("rounds", 0), ("psf_px", -1.0),
+     ("slope_sigma", 0.0), ("loss_scale", float("nan"))],
+)  # fmt: skip
+def test_options_out_of_range_are_refused(name, value):
+    with pytest.raises(SettingsError):
+        PhotoclinometryOptions(**{name: value})
+
+
+def test_images_beside_what_is_expected_agree_on_the_grid(painted, photographs, noiseless):
+    fits = {fit.name: fit for fit in noiseless.images}
+    for image in photographs[:2]:
+        fit = fits[image.name]
+        shown = Comparison.on_grid(
+            noiseless.maplet, image, shift_px=fit.shift_px, gradient=fit.gradient, options=NOISELESS
+        )
+        assert np.isfinite(shown.observed).mean() > 0.95
+        # The albedo of points, as a maplet has it, is that of cells smoothed.
+        assert np.nanstd(shown.residual) < 0.01
+        away = image.position - painted.grid.center
+        slant = float(painted.grid.uz @ away / np.linalg.norm(away))
+        assert fit.pixel_m == pytest.approx(0.5 / np.sqrt(slant), rel=0.02)
+        place = np.stack(project_image(image, painted.grid.points(painted.heights()))[::-1])
+        # Places are those of the truth, and many lie at the edges of pixels: one of four it is.
+        line, sample = np.floor(place).astype(int) - 1
+        around = [image.pixels[line + down, sample + over] for down in (0, 1) for over in (0, 1)]
+        seen = np.isfinite(shown.observed)
+        assert (shown.observed == np.stack(around)).any(axis=0)[seen].mean() > 0.99
+        unlike = Comparison.on_grid(flat(painted.grid), image, options=NOISELESS)
+        assert np.nanstd(unlike.residual) > 0.05
+
+
+def test_noise_is_told_from_what_the_surface_does_not_explain(painted, photographs):
+    rng = np.random.default_rng(2)
+    noisy = [
+        replace(image, pixels=np.rint(image.pixels * (1.0 + 0.02 * rng.normal(size=(90, 90)))))
+        for image in photographs
+    ]
+    # The flat start explains none of the waves, whose residuals neighbours share.
+    start = solved(painted, noisy[:1], FEW_ROUNDS)
+    assert start.outcome is Outcome.TOO_FEW_IMAGES
+    assert start.images[0].noise == pytest.approx(0.02, rel=0.15)
+    assert start.images[0].residual > 3.0 * start.images[0].noise
+    for fit in solved(painted, noisy, FEW_ROUNDS).images:
+        assert fit.residual == pytest.approx(fit.noise, rel=0.2)
+
+
+def test_an_image_that_looks_away_has_nothing_to_compare(painted, photographs):
+    away = replace(photographs[0], axes=photographs[0].axes * [[1.0], [-1.0], [-1.0]])
+    assert Comparison.on_grid(flat(painted.grid), away, options=NOISELESS) is None
+    blank = replace(photographs[0], pixels=None)
+    with pytest.raises(InvalidValueError, match="has no pixels"):
+        Comparison.on_grid(flat(painted.grid), blank)
