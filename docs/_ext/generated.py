@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from pkgutil import walk_packages
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
@@ -28,10 +29,17 @@ from typer.main import get_command
 from fusion.cli.app import COMMANDS, app
 from fusion.client.steps import Blocking, call, stream
 from fusion.workspace.settings.ranges import range_text
+from fusion.service.api import Service, create_app
+from fusion.service.store import Store
 from fusion.registration.results.keys import REGISTRATION_KEYS
+from fusion.stages.albedo import ALBEDO_KEYS
+from fusion.stages.lithos import PHOTOCLINOMETRY_KEYS
+from fusion.stages.photometry import PHOTOMETRY_KEYS
+from fusion.stages.spc_register import STATES_KEYS
 from fusion.scaling.results.keys import SCALE_KEYS
 from fusion.workspace.settings.settings import Settings, table_models
 from fusion.estimation.verdict import Cause, Code
+from spcola.photometry.functions import PHOTOMETRIC_FUNCTIONS
 
 MARKER = re.compile(r"^% generated: (\w+)$", re.MULTILINE)
 API = "reference/api"
@@ -88,7 +96,24 @@ def keys(of: Mapping[str, str], written: Path) -> str:
     content = json.loads(written.read_text(encoding="utf-8"))
     for key in sorted(set(written_keys(content)) - set(of)):
         logger.warning("%s has the key %s, of which the code states no meaning", written.name, key)
+    return meanings(of)
+
+
+def meanings(of: Mapping[str, str]) -> str:
+    """A table of JSON keys."""
     return "\n".join(table(("key", "what it is"), [(f"`{key}`", text) for key, text in of.items()]))
+
+
+def photometric_functions() -> str:
+    """A table of the parameters of photometric functions."""
+    rows = [
+        (f"`{function.name}`", f"`{one.name}`", f"{one.default:g}", f"{one.lower:g} to "
+         f"{one.upper:g}", one.unit or "–", one.about)
+        for function in PHOTOMETRIC_FUNCTIONS.values()
+        for one in function.parameters
+    ]  # fmt: skip
+    head = "function", "parameter", "default", "allowed", "unit", "meaning"
+    return "\n".join(table(head, rows))
 
 
 def written_keys(content: Mapping[str, Any]) -> Iterator[str]:
@@ -133,6 +158,21 @@ def command(what: Any, name: str, example: str) -> Iterator[str]:
             names[-1] += f" {parameter.metavar}"
         rows.append((f"`{', '.join(names)}`", parameter.help or ""))
     yield from table(("argument or option", "meaning"), rows)
+
+
+def answers() -> str:
+    """One section for each answer of the service in JSON, from the description of its interface."""
+    with TemporaryDirectory() as folder, Store(Path(folder) / "store.sqlite") as store:
+        described = create_app(Service(Path(folder), store)).openapi()
+    lines: list[str] = []
+    for path, methods in described["paths"].items():
+        for method, operation in methods.items():
+            good = next(one for code, one in operation["responses"].items() if code[0] == "2")
+            content = good.get("content", {}).get("application/json", {})
+            if "example" in content:
+                text = json.dumps(content["example"], indent=1, ensure_ascii=False)
+                lines += [f"### {method.upper()} {path}", "", "```json", text, "```", ""]
+    return "\n".join(lines)
 
 
 def equations(app: Sphinx) -> str:
@@ -288,10 +328,16 @@ GENERATED: dict[str, Callable[[Sphinx], str]] = {
     "settings": lambda _: settings(),
     "registration_keys": lambda app: keys(REGISTRATION_KEYS, of_tutorial(app, "registration.json")),
     "scale_keys": lambda app: keys(SCALE_KEYS, of_tutorial(app, "scale.json")),
+    "albedo_keys": lambda _: meanings(ALBEDO_KEYS),
+    "photoclinometry_keys": lambda _: meanings(PHOTOCLINOMETRY_KEYS),
+    "states_keys": lambda _: meanings(STATES_KEYS),
+    "photometry_keys": lambda _: meanings(PHOTOMETRY_KEYS),
+    "photometric_functions": lambda _: photometric_functions(),
     "codes": lambda _: codes(Code),
     "causes": lambda _: codes(Cause),
     "commands": lambda _: commands(),
     "equations": equations,
+    "answers": lambda _: answers(),
     "api": api_index,
 }
 

@@ -2,8 +2,8 @@
 
 Makes a workspace of small maplets with all that stages leave for them: maplets, landmarks, mapolas,
 fused maplets with their companions, kept items, and the records of finished stages. Then times
-`spcola info --json` of it in a process of its own, with the start of the program: first, again, and
-after one file was written again.
+`spcola info --json` of it in a process of its own, with the start of the program: first, again,
+after one file was written again, after a command, and after one file was changed by hand.
 
     python scripts/bench/big_catalog.py [--items 100000] [--folder DIR]
 """
@@ -56,6 +56,16 @@ def main() -> None:
         atomic.write_bytes(path, path.read_bytes())
         print(f"info, after a file was written again: {seconds_of_info(root)}")
         print(f"info, again: {seconds_of_info(root)} {limit}")
+        spcola("release", str(root))
+        print(f"info, after a command: {seconds_of_info(root)} {limit}")
+        change(path)
+        print(f"info, after a result was changed by hand: {seconds_of_info(root)} {limit}")
+        change(path.with_name("A00002.MAP"))
+        print(f"info, after another one was changed: {seconds_of_info(root)} {limit}")
+        change(root / "MAPFILES" / "A00001.MAP")
+        print(f"info, after a maplet was changed by hand: {seconds_of_info(root)}")
+        path.unlink()
+        print(f"info, after a result was removed: {seconds_of_info(root)}")
 
 
 def fill(workspace: Workspace, items: int) -> None:
@@ -112,15 +122,24 @@ def _files(place: Path) -> list[Path]:
     return [place] if place.is_file() else sorted(place.iterdir()) if place.is_dir() else []
 
 
+def change(path: Path) -> None:
+    """Change the last byte of a file."""
+    content = path.read_bytes()
+    atomic.write_bytes(path, content[:-1] + bytes([content[-1] ^ 1]))
+
+
 def seconds_of_info(root: Path) -> str:
     begun, before = time.perf_counter(), os.times()
-    subprocess.run(
-        [sys.executable, "-m", "fusion.cli", "info", str(root), "--json"],
-        check=True, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+    spcola("info", str(root), "--json")
     now = os.times()
     used = now.children_user + now.children_system - before.children_user - before.children_system
     return f"{time.perf_counter() - begun:.2f} s, {used:.2f} s of processor time"
+
+
+def spcola(*arguments: str) -> None:
+    """Run a command of the program in a process of its own."""
+    program = [sys.executable, "-m", "fusion.cli", *arguments]
+    subprocess.run(program, check=True, stdout=subprocess.DEVNULL)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ work one for each worker), and how often half of a solution or folder stood unde
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import os
 import shutil
 import signal
@@ -19,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,8 +33,14 @@ from fusion.pipeline.catalog import file_digest
 SPCOLA = [sys.executable, "-m", "fusion.cli"]
 STAGES = ("mapolas", "fused", "bigmaps", "pairs", "release", "registration.json", "scale.json")
 IMAGES = ("IMAGEFILES", "SUMFILES", "NOMINALS", "PICTLIST.TXT", "images.jsonl")
-# Files with the time at which they were made.
-TIMED = ("solution.json",)
+ITEMS = (".items/*/[!.]*.npz",)
+# Notes of runs and of solutions, and what they have of when and by which job they were made.
+TIMED = {
+    "provenance": ("finished", "checksum"),
+    "solution.json": ("made", "effort", "job", "checksum"),
+}
+# Nor which job removed a solution.
+INDEX = ("catalog.sqlite", ".lock", ".removed.json")
 
 
 @dataclass(frozen=True)
@@ -62,16 +70,41 @@ class Attack:
         return [*SPCOLA, *(str(word).replace("{}", str(folder)) for word in self.words)]
 
     def digests(self, folder: Path) -> dict[str, str]:
-        roots = [folder / name for name in self.results]
-        files = [path for root in roots for path in ([root] if root.is_file() else root.rglob("*"))]
-        return {
-            str(path.relative_to(folder)): file_digest(path)
-            for path in files
-            if path.is_file() and path.name not in TIMED
-        }
+        return digests_of(folder, self.results)
 
     def items(self, folder: Path) -> set[Path]:
         return {path for pattern in self.kept for path in folder.glob(pattern)}
+
+
+def digests_of(folder: Path, results: Sequence[str] = (".",)) -> dict[str, str]:
+    """Return the digest of each file of some results by its path in a folder, but for times.
+
+    Indices of files, with their times and places on the disk, are no results.
+    """
+    roots = [folder / name for name in results]
+    files = [path for root in roots for path in ([root] if root.is_file() else root.rglob("*"))]
+    return {
+        str(path.relative_to(folder)): timeless_digest(path)
+        for path in files
+        if path.is_file() and not path.name.startswith(INDEX)
+    }
+
+
+def timeless_digest(path: Path) -> str:
+    """Return the digest of a file; of a note, without the time at which it was made."""
+    timed = TIMED.get(path.name) or TIMED.get(path.parent.name)
+    if timed is None:
+        return file_digest(path)
+    content = json.loads(
+        path.read_text(),
+        object_hook=lambda found: {key: one for key, one in found.items() if key not in timed},
+    )
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def differing(one: Mapping[str, str], two: Mapping[str, str]) -> list[str]:
+    """Return the files that are not the same, or in one only."""
+    return sorted(name for name in one.keys() | two.keys() if one.get(name) != two.get(name))
 
 
 def main() -> None:
@@ -96,8 +129,7 @@ def bench(work: Path, options: argparse.Namespace) -> None:
     run("import", begin, *sorted((mission / "lidar").iterdir()))
     done = begin
     if set(options.only) & {"run", "apply", "export"}:
-        kept = (".items/*/*.npz",)
-        done = attacked(Attack("run", ("run", "{}"), STAGES, kept), begin, rng, options)
+        done = attacked(Attack("run", ("run", "{}"), STAGES, ITEMS), begin, rng, options)
     if "images" in options.only:
         attacked(importing(work), begin, rng, options)
     accepted = ("--accept", "epsilon-not-significant", "--accept", "epsilon-not-separable")
@@ -148,10 +180,10 @@ def attacked(
             shutil.rmtree(killed / attack.results[0])
     subprocess.run(attack.command(killed), check=True, stdout=subprocess.DEVNULL)
     two = attack.digests(killed)
-    differing = {name for name in one.keys() | two.keys() if one.get(name) != two.get(name)}
+    others = differing(one, two)
     left = [path for path in killed.rglob(".*") if ".part" in path.name or ".exported" in path.name]
     print(
-        f"{attack.title}: {len(differing)} of {len(one)} files differ {sorted(differing)[:3]}; "
+        f"{attack.title}: {len(others)} of {len(one)} files differ {others[:3]}; "
         f"{lost} finished items lost; {halves} halves; {len(left)} temporary files left; "
         f"{ends} runs had ended before the kill"
     )

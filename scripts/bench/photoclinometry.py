@@ -1,0 +1,212 @@
+"""Photoclinometry on synthetic missions: what images, lidar and both are worth, and what it costs.
+
+For each seed the real commands make a mission, its mapolas, registration and fused maplets, and
+three solutions from images: alone from the shape, with the lidar, and `fuse --from images`. Each is
+compared with the truth, like today's SPC maplets, mapolas and fused maplets (rms of heights and
+slopes, resolution, sigmas). `--densities` makes the mission again with a lidar that is thinner by
+these factors, `--speed` times one maplet of 99 x 99 points and profiles it.
+
+    python scripts/bench/photoclinometry.py [--preset mini] [--seeds 1] [--work DIR]
+        [--densities 10 100] [--speed]
+
+With `--work` results are kept, and a second run resumes from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import io
+import json
+import pstats
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from truth import timed
+
+from fusion.estimation.verdict import Verdict
+from fusion.stages.register import ImageScene
+from fusion.truth.presets import MissionSettings
+from fusion.workspace import Workspace
+from fusion.workspace.settings.processing import RegisterSettings
+from spcola.grids import Maplet, MapletGrid
+from spcola.imagematching import ChoiceOptions
+from spcola.photometry.photoclinometry import (
+    HeightConstraint,
+    PhotoclinometryOptions,
+    solve_photoclinometry,
+)
+from spcola.shape import shape_heights
+
+LIDAR = ("--constraint", "shape", "--constraint", "lidar")
+SOLUTIONS = {
+    "images alone": ("spc", "lithos", "--start", "shape", "--as", "images"),
+    "images, lidar": ("spc", "lithos", "--start", "shape", *LIDAR, "--as", "lidar"),
+    "fuse --from images": ("fuse", "--from", "images", "--as", "spcola"),
+}
+COLUMNS = ("heights", "lit", "shadowed", "lit slope", "resolved", "pull", "1 sigma", "2 sigma")
+# Goals of the issue: slopes with images alone; gain in slopes over the better of both; sigmas.
+SLOPE_GOAL_DEG, GAIN_GOAL = 3.0, 0.75
+# Published: 418 computer hours for the maplets of 18 cm of a body of 500 m.
+ONE_MAPLET_GOAL_S, POINTS, IMAGES, ROUNDS = 1.5, 99, 50, 10
+
+
+def prepared(work: Path, preset: str, seed: int, thinner: float) -> Path:
+    """Make a mission and a registered workspace with fused maplets; return the latter."""
+    root = work / f"{preset}{seed}-{thinner:g}"
+    workspace, mission = root / "workspace", root / "mission"
+    if (root / "fused.done").exists():
+        return workspace
+    spacing = getattr(MissionSettings, preset)(seed).lidar.spacing * np.sqrt(thinner)
+    timed(["truth", "make", mission, "--preset", preset, "--seed", seed, "--images",
+           "--set", f"lidar.spacing={spacing:.6f}"])  # fmt: skip
+    if not workspace.exists():
+        timed(["init", workspace, "--spc", mission / "spc", "--body", "Truth"])
+    timed(["import", workspace, *sorted((mission / "lidar").iterdir())])
+    for stage in ("mapolas", "register"):
+        timed([stage, workspace])
+    accept = findings(workspace, "registration.json")
+    timed(["fuse", workspace, *accept])
+    (root / "fused.done").touch()
+    return workspace
+
+
+def findings(workspace: Path, name: str) -> list[str]:
+    """Options that accept the findings of a doubtful registration, as a scientist would."""
+    verdict = Verdict.from_json(Workspace.open(workspace).read_json(name))
+    codes = [str(finding.code) for finding in verdict.findings]
+    return [part for code in codes for part in ("--accept", code)] if verdict.obstacle([]) else []
+
+
+def solved(workspace: Path) -> Iterator[tuple[str, float, dict[str, Any]]]:
+    """Make the solutions that are not there yet; yield name, seconds, and what each found."""
+    accept = findings(workspace, "registration.json")
+    for name, (*command, last) in SOLUTIONS.items():
+        kept = workspace.parent / f"{last}.json"
+        if not kept.exists():
+            extra = accept if "lidar" in command or "fuse" in command else []
+            at = 1 if command[0] == "fuse" else 2
+            used = timed([*command[:at], workspace, *command[at:], last, *extra])
+            found = Workspace.open(workspace, last).read_json("photoclinometry.json")
+            found = {"outcomes": found["outcomes"], "residual": found["residual"], **used}
+            kept.write_text(json.dumps(found), encoding="utf-8")
+        found = json.loads(kept.read_text(encoding="utf-8"))
+        yield name, found["seconds"], found
+
+
+def assessed(workspace: Path, solution: str | None = None) -> dict[str, list[float]]:
+    """Return the columns of each model of a solution by the model's name."""
+    kept = workspace.parent / f"assessed-{solution or 'imported'}.json"
+    if not kept.exists():
+        chosen = ["--solution", solution] if solution else []
+        mission = workspace.parent / "mission"
+        timed(["truth", "assess", workspace, "--truth", mission, *chosen, "--json"], out=kept)
+    content = json.loads(kept.read_text(encoding="utf-8"))
+    return {model["name"]: columns(model) for model in content["models"]}
+
+
+def columns(model: dict[str, Any]) -> list[float]:
+    """Return the numbers of :data:`COLUMNS` of an assessed model."""
+
+    def at(*keys: str) -> float:
+        found: Any = model
+        for key in keys:
+            found = found.get(key) if isinstance(found, dict) else None
+        return float("nan") if found is None else float(found)
+
+    heights = [at("regions", region, "rms_m") for region in ("all", "lit", "shadowed")]
+    sigmas = [at("regions", "all", f"within_{count}_sigma") for count in (1, 2)]
+    slopes = at("regions", "lit", "slope_rms_deg")
+    return [*heights, slopes, at("resolution_m"), at("regions", "all", "pull_std"), *sigmas]
+
+
+def table(rows: dict[str, list[float]]) -> Iterator[str]:
+    """Yield lines of the columns of each model."""
+    yield f"{'':24}" + "".join(f"{name:>10}" for name in COLUMNS)
+    for name, values in rows.items():
+        yield f"{name:24}" + "".join(f"{value:10.3f}" for value in values)
+
+
+def gain(work: Path, preset: str, seed: int, thinner: float) -> Iterator[str]:
+    """Yield the table of one mission, costs and outcomes."""
+    workspace = prepared(work, preset, seed, thinner)
+    rows = assessed(workspace)
+    yield f"{preset}, seed {seed}, lidar thinner by {thinner:g}"
+    for name, seconds, found in solved(workspace):
+        last = SOLUTIONS[name][-1]
+        rows[name] = next(iter(assessed(workspace, last).values()))
+        outcomes = ", ".join(f"{count} {code}" for code, count in found["outcomes"].items())
+        yield f"  {name}: {seconds:.0f} s, {found['gib']:.2f} GiB; {outcomes}"
+    yield from table(rows)
+    alone = rows["images alone"][3]
+    better = min(alone, rows["mapolas, registered"][3])
+    both = rows["images, lidar"][3]
+    yield f"  slopes with images alone: {alone:.2f} deg (goal {SLOPE_GOAL_DEG:g})"
+    yield (
+        f"  slopes with lidar over the better of both alone: {both / better:.2f} (goal {GAIN_GOAL})"
+    )
+
+
+def speed(workspace: Path) -> Iterator[str]:
+    """Yield the time of one maplet, and the shares of its parts."""
+    space = Workspace.open(workspace)
+    grids = [space.maplet(name).grid for name in space.maplet_names()]
+    scene = ImageScene.of(space, grids, RegisterSettings())
+    scene = replace(scene, choice=ChoiceOptions(most=IMAGES))
+    assert scene.beyond is not None
+    shown = max(grids, key=lambda grid: len(scene.showing(grid)))
+    grid = MapletGrid(shown.center, shown.axes, shown.gsd, POINTS // 2)
+    images = [scene.exposed(image) for image in scene.showing(grid)]
+    height = shape_heights(scene.beyond, grid, reach=grid.radius)
+    options = PhotoclinometryOptions(levels=(1,), rounds=ROUNDS, settled_gsd=1e-9)
+    shape = HeightConstraint.of_sigma("shape", height, grid.gsd, common=100.0)
+
+    def run() -> float:
+        start = time.perf_counter()
+        solve_photoclinometry(
+            Maplet("SPEED", grid, height), images, scene.states, constraints=[shape],
+            beyond=[scene.beyond], options=options,
+        )  # fmt: skip
+        return time.perf_counter() - start
+
+    run()
+    times = [run() for _ in range(3)]
+    yield (
+        f"one maplet of {POINTS} x {POINTS}, {len(images)} images, {ROUNDS} rounds, as many with "
+        f"the Suns turned: {min(times):.2f} s (goal {ONE_MAPLET_GOAL_S} s for 50 images)"
+    )
+    profile = cProfile.Profile()
+    profile.runcall(run)
+    out = io.StringIO()
+    pstats.Stats(profile, stream=out).sort_stats("tottime").print_stats(16)
+    yield from out.getvalue().splitlines()[6:]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--preset", default="mini")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--densities", type=float, nargs="*", default=[])
+    parser.add_argument("--speed", action="store_true")
+    parser.add_argument("--work", type=Path)
+    given = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as temporary:
+        work = given.work or Path(temporary)
+        work.mkdir(parents=True, exist_ok=True)
+        for seed in range(1, given.seeds + 1):
+            for thinner in (1.0, *given.densities):
+                for line in gain(work, given.preset, seed, thinner):
+                    print(line, flush=True)
+        if given.speed:
+            for line in speed(prepared(work, given.preset, 1, 1.0)):
+                print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""What is printed of left-out frames and of albedo, and the page of the best and worst."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.image import imsave
+
+import spcola
+from fusion.report.layout import html_page, html_table
+from real.predicted import Pair
+from spcola.arrays import FloatArray
+from spcola.grids import Maplet
+from spcola.heights.slopes import slopes_of
+
+_BAND = 30
+_SHOWN = 10
+_ENLARGED = 3
+
+
+def print_pairs(pairs: Sequence[Pair]) -> None:
+    """Print what maplets predict for left-out frames, before and after."""
+    start, solved = ([getattr(pair, key) for pair in pairs] for key in ("start", "solved"))
+    print(f"  left-out frames: {len({pair.image for pair in pairs})}, with {len(pairs)} maplets")
+    for title, values in (
+        ("correlation at the state", lambda score: score.given),
+        ("correlation at the best shift", lambda score: score.best),
+        ("unexplained variance", lambda score: score.unexplained),
+        ("residual, relative", lambda score: score.residual),
+    ):
+        before, after = (np.array([values(one) for one in some]) for some in (start, solved))
+        better = np.mean(after > before if title.startswith("corr") else after < before)
+        print(
+            f"  {title:32s}{np.median(before):7.3f} → {np.median(after):.3f} (medians), "
+            f"better in {better:.0%}"
+        )
+
+
+def print_map(pairs: Sequence[Pair]) -> None:
+    """Print the gain by latitude and longitude, where there is ground."""
+    print("  unexplained variance, start less solution (median, number of pairs), by place:")
+    bands = [
+        (south, [_at(pairs, south, west) for west in range(0, 360, _BAND)])
+        for south in range(90 - _BAND, -91, -_BAND)
+    ]
+    wests = [k for k in range(360 // _BAND) if any(row[k] for _, row in bands)]
+    print(" " * 8 + "".join(f"{_BAND * k:>11d}°" for k in wests))
+    for south, row in bands:
+        if any(row):
+            texts = [f"{np.median(row[k]):+.2f} ({len(row[k])})" if row[k] else "–" for k in wests]
+            print(f"  {south:+4d}° " + "".join(f"{text:>12s}" for text in texts))
+
+
+def _at(pairs: Sequence[Pair], south: int, west: int) -> list[float]:
+    """Return the gains of the maplets in a square of latitude and longitude."""
+    return [
+        pair.gain
+        for pair in pairs
+        if 0 <= pair.latitude - south < _BAND and 0 <= pair.longitude - west < _BAND
+    ]
+
+
+def print_albedo(maplets: Mapping[str, Maplet]) -> None:
+    """Print how much albedo varies, and how much of it slopes explain."""
+    spread, shares = [], []
+    for maplet in maplets.values():
+        slopes = np.array(slopes_of(maplet.height, maplet.grid.gsd))
+        known = np.isfinite(slopes).all(axis=0) & np.isfinite(maplet.albedo)
+        if np.count_nonzero(known) < 500:
+            continue
+        albedo = maplet.albedo[known] / maplet.albedo[known].mean() - 1.0
+        rows = np.stack([*slopes[:, known], np.ones(albedo.size)], axis=1)
+        left = albedo - rows @ np.linalg.lstsq(rows, albedo, rcond=None)[0]
+        spread.append(float(albedo.std()))
+        shares.append(float(np.sqrt(max(1.0 - left.var() / albedo.var(), 0.0))))
+    print(
+        f"  albedo: standard deviation {np.median(spread):.3f} (median over maplets); correlation "
+        f"with slopes, both directions: {np.median(shares):.2f} (median), "
+        f"{np.percentile(shares, 90):.2f} (90 %)"
+    )
+
+
+def write_page(path: Path, title: str, pairs: Sequence[Pair]) -> None:
+    """Write the ten best and the ten worst pairs, each with image and both predictions."""
+    ordered = sorted(pairs, key=lambda pair: -pair.gain)
+    sections = [
+        (key, head, html_table(
+            ["image", "maplet", "correlation", "left out", "start", "solution"],
+            [_row(pair) for pair in some],
+        ))
+        for key, head, some in (
+            ("best", "Best", ordered[:_SHOWN]), ("worst", "Worst", ordered[::-1][:_SHOWN]),
+        )
+    ]  # fmt: skip
+    page = html_page(title, title, sections, {"spcola": spcola.__version__})
+    path.write_text(page, encoding="utf-8")
+    print(f"  page of the ten best and worst: {path}")
+
+
+def _row(pair: Pair) -> list[str]:
+    seen = pair.pictures[0]
+    limits = [float(np.nanpercentile(seen, part)) for part in (1.0, 99.0)]
+    place = f"{pair.maplet}<br>{pair.latitude:+.0f}°, {pair.longitude:.0f}°"
+    scores = f"{pair.start.best:.2f} → {pair.solved.best:.2f}"
+    return [pair.image, place, scores, *(_picture(one, limits) for one in pair.pictures)]
+
+
+def _picture(layer: FloatArray, limits: Sequence[float]) -> str:
+    large = np.repeat(np.repeat(np.nan_to_num(layer), _ENLARGED, axis=0), _ENLARGED, axis=1)
+    stream = io.BytesIO()
+    imsave(stream, large, cmap="gray", vmin=limits[0], vmax=limits[1], format="png")
+    return f'<img src="data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}">'
