@@ -89,13 +89,16 @@ class LithosResult:
         solved = [one for one in maplets if one["rounds"]]
         lines = [f"solution {self.solution}, from {self.parent}: {len(maplets)} maplets, {counts}"]
         if solved:
-            before, after, sigma = (
+            before, after = (
                 float(np.median([one[key] for one in solved]))
-                for key in ("residual_start", "residual", "sigma_m")
+                for key in ("residual_start", "residual")
             )
+            # A maplet that diverged has rounds, but keeps its start, which may have no sigma.
+            sigma = _median(one["sigma_m"] for one in solved)
+            shown = "unknown" if sigma is None else f"{sigma:.3f} m"
             lines.append(
-                f"  residual of brightness {before:.1%} → {after:.1%}, sigma of heights "
-                f"{sigma:.3f} m (medians)"
+                f"  residual of brightness {before:.1%} → {after:.1%}, sigma of heights {shown} "
+                "(medians)"
             )
             lines += _worst_lines(self.content)
         lines += finding_lines(self.content["findings"])

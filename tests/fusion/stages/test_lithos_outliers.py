@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fusion.stages.lithos.outliers import outlier_findings
+from fusion.stages.lithos.result import LithosResult
 from spcola.photometry.photoclinometry import Fit, ImageFit
 
 RNG = np.random.default_rng(3)
@@ -87,3 +89,14 @@ def test_an_image_is_not_blamed_for_the_maplets_that_it_shows(fits):
 def test_few_are_not_compared(fits):
     few = {name: ones[:3] for name, ones in list(fits.items())[:3]}
     assert outlier_findings(few) == []
+
+
+@pytest.mark.parametrize(("sigmas", "shown"), [([2.0, None, 4.0], "3.000 m"), ([None], "unknown")])
+def test_maplets_that_keep_a_start_without_sigma_are_printed(sigmas, shown):
+    maplets = {
+        f"AA{k:04d}": {"rounds": [{}], "residual_start": 0.2, "residual": 0.1, "sigma_m": sigma}
+        for k, sigma in enumerate(sigmas)
+    }
+    content = {"maplets": maplets, "images": {}, "outcomes": {"diverged": 1}, "findings": []}
+    result = LithosResult("new", "old", Path("body/solutions/new"), content)
+    assert any(f"sigma of heights {shown} (medians)" in line for line in result.lines())
