@@ -73,6 +73,9 @@ def print_albedo(maplets: Mapping[str, Maplet]) -> None:
         if np.count_nonzero(known) < 500:
             continue
         albedo = maplet.albedo[known] / maplet.albedo[known].mean() - 1.0
+        # A maplet whose albedo was not solved.
+        if albedo.std() < 1e-6:
+            continue
         rows = np.stack([*slopes[:, known], np.ones(albedo.size)], axis=1)
         left = albedo - rows @ np.linalg.lstsq(rows, albedo, rcond=None)[0]
         spread.append(float(albedo.std()))
