@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from spcola.arrays import FloatArray
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
 from spcola.photometry.photoclinometry.image_equations import Sums
@@ -48,8 +50,11 @@ def eliminate_albedo(sums: Sums, albedo: FloatArray, sigma: float) -> AlbedoEqua
     step = (sums.right[3] + (1.0 - albedo) * sigma**-2) / weight
     products = sums.coupled.reshape(count, 4, NUISANCES, *albedo.shape)
     rows = products[:, 3].reshape(NUISANCES * count, -1)
-    by_nuisance = rows / weight.ravel()
-    nuisance = -by_nuisance @ rows.T
+    root = np.sqrt(weight).ravel()
+    by_nuisance = rows / root
+    # A matrix times its own transpose costs half of a product of two matrices.
+    nuisance = -(by_nuisance @ by_nuisance.T)
+    by_nuisance /= root
     right = sums.nuisance[:, :, NUISANCES].ravel() - rows @ step.ravel()
     for k in range(count):
         own = slice(NUISANCES * k, NUISANCES * (k + 1))

@@ -154,9 +154,10 @@ def gather_cells(
         Sample and line of each point, and their derivatives by its height, pixels a metre.
     seeing : facing, blur, seen
         As in :func:`spread_cells`.
-    window : (6, H, W) ndarray
-        Area of all cells; weight 1/σ²; residual; expected brightness and its derivatives along
-        samples and lines.
+    window : (H, W, 5) ndarray
+        Weight 1/σ² over the area of all cells in a pixel, and its products with the residual, the
+        expected brightness, and the derivatives of that along samples and lines. All are 0 where a
+        pixel does not count.
     partials : (3, R − 1, C − 1) ndarray
         Derivatives of a cell's brightness by its slopes and its albedo.
     sums : four ndarrays
@@ -168,7 +169,7 @@ def gather_cells(
     u, v, up_u, up_v = places
     facing, blur, seen = seeing
     normal, right, coupled, nuisance = sums
-    height, width = window.shape[1], window.shape[2]
+    height, width = window.shape[:2]
     for i in range(seen.shape[0]):
         for j in range(seen.shape[1]):
             if not seen[i, j] > 0.0:
@@ -181,15 +182,12 @@ def gather_cells(
             for y in range(max(int(np.floor(top)), 0), min(int(np.ceil(bottom)), height)):
                 across = unit * _overlap(top, bottom, y)
                 for x in range(max(int(np.floor(first)), 0), min(int(np.ceil(last)), width)):
-                    if window[1, y, x] > 0.0:
-                        share = (
-                            across * _overlap(first, last, x) / window[0, y, x] * window[1, y, x]
-                        )
-                        weight += share
-                        pull += share * window[2, y, x]
-                        bright += share * window[3, y, x]
-                        by_u += share * window[4, y, x]
-                        by_v += share * window[5, y, x]
+                    part = across * _overlap(first, last, x)
+                    weight += part * window[y, x, 0]
+                    pull += part * window[y, x, 1]
+                    bright += part * window[y, x, 2]
+                    by_u += part * window[y, x, 3]
+                    by_v += part * window[y, x, 4]
             if not weight > 0.0:
                 continue
             bright, by_u, by_v = bright / weight, by_u / weight, by_v / weight

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from spcola.arrays import FloatArray
-from spcola.compilation import compiled
+from spcola.compilation import compiled, compiled_sums
 from spcola.heights import inverse_diagonal
 
 _TOLERANCE = 1e-4
@@ -238,16 +238,22 @@ def _factorise(band: FloatArray) -> None:
                     other[m] -= factor * own[k + m]
 
 
-@compiled
+@compiled_sums
 def _substitute(factor: FloatArray, x: FloatArray) -> None:
     """Replace a right-hand side (N,) by the solution."""
     size, width = factor.shape[0], factor.shape[1] - 1
     for j in range(size):
-        x[j] /= factor[j, 0]
-        for k in range(1, min(width, size - 1 - j) + 1):
-            x[j + k] -= factor[j, k] * x[j]
+        most = min(width, size - 1 - j)
+        value = x[j] / factor[j, 0]
+        x[j] = value
+        # Slices do not overlap `value`, so that the loops are vectorised.
+        own, after = factor[j, 1 : most + 1], x[j + 1 : j + most + 1]
+        for k in range(most):
+            after[k] -= own[k] * value
     for j in range(size - 1, -1, -1):
-        total = x[j]
-        for k in range(1, min(width, size - 1 - j) + 1):
-            total -= factor[j, k] * x[j + k]
-        x[j] = total / factor[j, 0]
+        most = min(width, size - 1 - j)
+        own, after = factor[j, 1 : most + 1], x[j + 1 : j + most + 1]
+        total = 0.0
+        for k in range(most):
+            total += own[k] * after[k]
+        x[j] = (x[j] - total) / factor[j, 0]

@@ -244,12 +244,12 @@ def add_image(
     scores = np.full(window.pixels.shape, np.nan)
     scores[used] = factor * residual / error
     weight = factor / (error**2 * _inflation(scores))
-    layers = np.zeros((6, *window.pixels.shape))
-    layers[0] = compared.area
-    layers[1][used] = weight * (1.0 - compared.edge[used]) ** 2
-    layers[2][used] = residual
-    for layer, values in zip(layers[3:], (compared.expected, by_sample, by_line), strict=True):
-        layer[used] = scale * values[used]
+    share = weight * (1.0 - compared.edge[used]) ** 2 / compared.area[used]
+    terms = np.stack(
+        [residual, *(scale * one for one in (expected, by_sample[used], by_line[used]))]
+    )
+    weighted = np.zeros((*window.pixels.shape, 5))
+    weighted[used] = np.vstack([share, share * terms]).T
     partials = (
         scale
         * ground.lit
@@ -260,7 +260,7 @@ def add_image(
     seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
     seeing = window.facing, _SQUARED_WIDTH * options.psf_px**2, seen
     into = sums.normal, sums.right, sums.coupled[number], sums.nuisance[number]
-    gather_cells(ground.places, seeing, layers, partials, into)
+    gather_cells(ground.places, seeing, weighted, partials, into)
     return replace(state, spread=found.spread)
 
 

@@ -42,6 +42,9 @@ from spcola.photometry.photoclinometry.surface_equations import (
 )
 from spcola.shape import RayCaster
 
+# Standard deviation of the change of the mean height in a round, GSDs.
+_MOST_RISE = 3.0
+
 
 def solve_photoclinometry(
     start: Maplet,
@@ -229,7 +232,8 @@ class _Work:
         surface, options, priors = self.surface, self.options, self.priors
         assert priors is not None
         reduced = self.reduced()
-        equations = height_equations(reduced, surface, priors, options)
+        most = _MOST_RISE * surface.gsd
+        equations = height_equations(reduced, surface, priors, options, most_m=most)
         rise, nuisance = equations.solve()
         albedo = changed_albedo(reduced, surface, rise, nuisance, options.convention)
         residual = float(np.nanmedian([state.spread for state in self.states]))

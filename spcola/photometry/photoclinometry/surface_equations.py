@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.compilation import compiled
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.albedo_convention import AlbedoConvention
 from spcola.photometry.photoclinometry.albedo_equations import eliminate_albedo, with_priors
@@ -71,7 +72,7 @@ def reduce_albedo(
     sigma : float
         Prior standard deviation of the albedo about 1.
     """
-    count, layers = len(before), albedo.shape
+    count = len(before)
     alone = eliminate_albedo(sums, albedo, sigma)
     by_albedo = sums.normal[_WITH_ALBEDO, ...] / alone.weight
     normal = np.stack(
@@ -81,14 +82,28 @@ def reduce_albedo(
         ]
     )
     right = sums.right[:3] - by_albedo * alone.weight * alone.step
-    products = sums.coupled.reshape(count, 4, NUISANCES, *layers)
-    coupled = np.stack(
-        [products[:, a] - products[:, 3] * by_albedo[a] for a in range(3)], axis=2
-    ).reshape(NUISANCES * count, 3, *layers)
+    coupled = np.empty((count, NUISANCES, 3, albedo.size))
+    _eliminate(sums.coupled.reshape(count, 4, NUISANCES, -1), by_albedo.reshape(3, -1), coupled)
     own = alone.nuisance, alone.nuisance_right
     nuisance, nuisance_right = with_priors(own, before, known)
+    coupled = coupled.reshape(NUISANCES * count, 3, *albedo.shape)
     cells = CellInformation(normal, right, coupled, nuisance, nuisance_right)
     return Reduced(cells, by_albedo, alone.step, alone.by_nuisance, alone.weight)
+
+
+@compiled
+def _eliminate(products: FloatArray, by_albedo: FloatArray, coupled: FloatArray) -> None:
+    """Fill `coupled` (K, 5, 3, N): products of N cells with nuisances, without their albedo.
+
+    `products` (K, 4, 5, N) are those of the slopes, the height and the albedo.
+    """
+    for k in range(coupled.shape[0]):
+        for b in range(coupled.shape[1]):
+            albedo = products[k, 3, b]
+            for a in range(3):
+                own, out, by = products[k, a, b], coupled[k, b, a], by_albedo[a]
+                for j in range(out.size):
+                    out[j] = own[j] - albedo[j] * by[j]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +124,18 @@ class Priors:
 
 
 def height_equations(
-    reduced: Reduced, surface: Surface, priors: Priors, options: PhotoclinometryOptions
+    reduced: Reduced,
+    surface: Surface,
+    priors: Priors,
+    options: PhotoclinometryOptions,
+    *,
+    most_m: float = np.inf,
 ) -> CellSurface:
-    """Return the normal equations of the changes of heights [22, 23]."""
+    """Return the normal equations of the changes of heights [22, 23].
+
+    `most_m` is the standard deviation of the change of the mean height, metres: flat ground without
+    constraints has no brightness gradient that would determine it, and it would go anywhere.
+    """
     cells, height, gsd = reduced.cells, surface.height, surface.gsd
     weight = options.slope_sigma**-2
     normal, right = cells.normal.copy(), cells.right.copy()
@@ -124,7 +148,7 @@ def height_equations(
     return CellSurface(
         CellInformation(normal, right, cells.coupled, cells.nuisance, cells.nuisance_right),
         gsd,
-        priors.weight,
+        priors.weight + most_m**-2 / height.size,
         pull,
         twist,
     )

@@ -84,10 +84,12 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
         lit = spread(where, (albedo * shades_of("lunar-lambert", slopes)[0])[None])
         return (observed - scale * lit[1] / np.maximum(lit[0], 1e-9))[used]
 
-    window = np.zeros((6, *used.shape))
-    window[0] = sums[0]
-    window[1][used] = 1.0
-    window[2][used] = residuals(slopes, albedo)
+    left = residuals(slopes, albedo)
+    window = np.zeros((*used.shape, 5))
+    window[used, 0] = 1.0 / sums[0][used]
+    window[used, 1] = left / sums[0][used]
+    # As if all pixels were expected to be 1: the sum over cells is that over pixels then.
+    window[used, 2] = 1.0 / sums[0][used]
     partials = scale * np.stack([albedo * shades[1], albedo * shades[2], shades[0]])
     into = (
         np.zeros((10, *CELLS)), np.zeros((4, *CELLS)), np.zeros((20, *CELLS)), np.zeros((5, 6)),
@@ -106,4 +108,4 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
                 changed.append(0.5 * np.sum(residuals(moved, bright) ** 2))
             gradient = -(changed[0] - changed[1]) / (2 * step)
             assert into[1][unknown][place] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
-    assert into[3][0, 5] == pytest.approx(np.sum(window[2] * window[3]))
+    assert into[3][0, 5] == pytest.approx(np.sum(left))
