@@ -1,4 +1,4 @@
-"""Maplets solved from images: goodness of fit, images beside renderings, the report's section."""
+"""Maplets solved from images: goodness of fit, images next to renderings, the report's section."""
 
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.gather import SolvedMaplets, gather_solved, solved_inputs

@@ -1,4 +1,4 @@
-"""Maplets solved from images: goodness of fit, and their images beside renderings."""
+"""Maplets solved from images: goodness of fit, and their images next to renderings."""
 
 from __future__ import annotations
 

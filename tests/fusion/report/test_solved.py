@@ -1,4 +1,4 @@
-"""Maplets from images in the report: goodness of fit that sorts, and images beside renderings."""
+"""Maplets from images in the report: goodness of fit that sorts, and images next to renderings."""
 
 from __future__ import annotations
 

@@ -15,11 +15,11 @@ GSD = 0.5
 
 def wall(grid, *, height=4.0, step=1.0):
     """A maplet 20 m along −Ux of a grid, level, with a wall of 2 m across on its middle line."""
-    beside = MapletGrid(grid.center - 20.0 * grid.ux, grid.axes, GSD, grid.half_size)
-    heights = np.zeros(beside.shape)
+    next_to = MapletGrid(grid.center - 20.0 * grid.ux, grid.axes, GSD, grid.half_size)
+    heights = np.zeros(next_to.shape)
     middle = grid.half_size
     heights[:, middle - 2 : middle + 3] = height
-    return RayCaster(mesh_of_maplets([Maplet("WALL", beside, heights)], step * GSD))
+    return RayCaster(mesh_of_maplets([Maplet("WALL", next_to, heights)], step * GSD))
 
 
 @pytest.mark.parametrize("elevation", [0.2, 0.3])

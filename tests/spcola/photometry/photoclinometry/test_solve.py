@@ -123,6 +123,15 @@ def test_displaced_images_are_moved_back(painted, photographs):
     assert np.abs(left - left.mean(axis=0)).max() < 0.1
 
 
+def test_flat_ground_without_any_constraint_does_not_leave_in_one_round(painted, photographs):
+    """No gradient of brightness determines its mean height yet."""
+    once = replace(FEW_ROUNDS, levels=(4, 1), rounds=1)
+    start = flat(painted.grid)
+    found = solve_photoclinometry(start, photographs, known_states(photographs), options=once)
+    assert found.outcome is not Outcome.DIVERGED
+    assert abs(np.mean(found.maplet.height)) < 30.0 * painted.grid.gsd
+
+
 def test_stereo_gives_the_height_without_any_constraint(painted, photographs):
     found = solve_photoclinometry(
         flat(painted.grid), photographs, known_states(photographs), options=FEW_ROUNDS
