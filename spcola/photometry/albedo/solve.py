@@ -247,6 +247,7 @@ class _Work:
         for window in self.windows:
             sums, rows = self._sums(window, spreads)
             equations = eliminate_albedo(sums, self.albedo[window.cells], prior)
+            equations = equations.turned(window.to_whole)
             albedo[window.inner] += equations.step[window.own]
             weight = equations.weight[window.own]
             self.informed[window.inner] = informed = weight > 2.0 * prior**-2
@@ -283,7 +284,7 @@ class _Work:
             if spreads is not None and np.isfinite(spread):
                 spreads[k].append(spread)
         places = NUISANCES * np.array([k for k, _ in views], dtype=np.int64)
-        return _turned(sums, window), np.add.outer(places, np.arange(NUISANCES)).ravel()
+        return sums, np.add.outer(places, np.arange(NUISANCES)).ravel()
 
     def nothing(self) -> AlbedoSolution:
         """Return the result without images."""
@@ -324,6 +325,7 @@ class _Work:
         sums, rows = self._sums(window)
         sigma = self.options.photoclinometry.albedo_sigma
         equations = eliminate_albedo(sums, self.albedo[window.cells], sigma)
+        equations = equations.turned(window.to_whole)
         common = covariance[np.ix_(rows, rows)]
         by = equations.by_nuisance.reshape(len(rows), -1)
         images = np.sum(by * (common @ by), axis=0).reshape(equations.weight.shape)
@@ -335,14 +337,3 @@ def _at_points(cells: FloatArray, valid: BoolArray) -> FloatArray:
     """Return the means (R, C) of the known cells around each point with a height; else NaN."""
     around = at_cells(np.pad(cells, 1, constant_values=np.nan))
     return np.where(valid, around, np.nan)
-
-
-def _turned(sums: Sums, window: Window) -> Sums:
-    """Return sums with the nuisance parameters of the whole grid."""
-    turn = window.to_whole
-    coupled, nuisance = sums.coupled.copy(), sums.nuisance.copy()
-    # Of the albedo, the last unknown: slopes do not change.
-    coupled[:, -NUISANCES:] = np.einsum("ab,kbij->kaij", turn, coupled[:, -NUISANCES:])
-    nuisance[:, :, :NUISANCES] = turn @ sums.nuisance[:, :, :NUISANCES] @ turn.T
-    nuisance[:, :, NUISANCES] = sums.nuisance[:, :, NUISANCES] @ turn.T
-    return replace(sums, coupled=coupled, nuisance=nuisance)

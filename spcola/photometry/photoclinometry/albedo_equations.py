@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spcola.arrays import FloatArray
-from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
+from spcola.arrays import AnyArray, FloatArray
+from spcola.compilation import compiled
+from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS
 from spcola.photometry.photoclinometry.image_equations import Sums
 
 
@@ -21,17 +22,41 @@ class AlbedoEquations:
         Information on the albedo, prior included.
     step : (R − 1, C − 1) ndarray
         Change of the albedo where nothing else changes.
-    by_nuisance : (P, R − 1, C − 1) ndarray
-        How much the albedo falls with each of the P nuisance parameters.
+    rows : (P, R − 1, C − 1) ndarray
+        Products of the albedo with each of the P nuisance parameters, over the root of `weight`.
     nuisance, nuisance_right : (P, P), (P,) ndarrays
         Normal matrix and right-hand side of these, without priors.
     """
 
     weight: FloatArray
     step: FloatArray
-    by_nuisance: FloatArray
+    rows: FloatArray
     nuisance: FloatArray
     nuisance_right: FloatArray
+
+    @property
+    def by_nuisance(self) -> FloatArray:
+        """How much the albedo falls (P, R − 1, C − 1) with each of the nuisance parameters."""
+        return self.rows / np.sqrt(self.weight)
+
+    def fall(self, nuisance: FloatArray) -> FloatArray:
+        """Return how much the albedo (R − 1, C − 1) falls with nuisance parameters (P,)."""
+        return np.tensordot(nuisance, self.rows, 1) / np.sqrt(self.weight)
+
+    def turned(self, turn: FloatArray) -> AlbedoEquations:
+        """Return the same for other nuisance parameters, those of each image the same way.
+
+        `turn` (5, 5) has the derivatives by the other ones from the derivatives by these.
+        """
+        count = len(self.rows) // NUISANCES
+        rows = np.tensordot(turn, self.rows.reshape(count, NUISANCES, -1), (1, 1))
+        whole = np.kron(np.eye(count), turn)
+        return replace(
+            self,
+            rows=np.moveaxis(rows, 0, 1).reshape(self.rows.shape),
+            nuisance=whole @ self.nuisance @ whole.T,
+            nuisance_right=whole @ self.nuisance_right,
+        )
 
 
 def eliminate_albedo(sums: Sums, albedo: FloatArray, sigma: float) -> AlbedoEquations:
@@ -48,19 +73,34 @@ def eliminate_albedo(sums: Sums, albedo: FloatArray, sigma: float) -> AlbedoEqua
     count = len(sums.nuisance)
     weight = sums.normal[9] + sigma**-2
     step = (sums.right[3] + (1.0 - albedo) * sigma**-2) / weight
-    products = sums.coupled.reshape(count, 4, NUISANCES, *albedo.shape)
-    rows = products[:, 3].reshape(NUISANCES * count, -1)
-    root = np.sqrt(weight).ravel()
-    by_nuisance = rows / root
+    root = np.sqrt(weight)
+    rows = np.empty((NUISANCES * count, *albedo.shape))
+    _albedo_rows(sums.factors, root, rows)
+    flat = rows.reshape(len(rows), -1)
     # A matrix times its own transpose costs half of a product of two matrices.
-    nuisance = -(by_nuisance @ by_nuisance.T)
-    by_nuisance /= root
-    right = sums.nuisance[:, :, NUISANCES].ravel() - rows @ step.ravel()
+    nuisance = -(flat @ flat.T)
+    right = sums.nuisance[:, :, NUISANCES].ravel() - flat @ (root * step).ravel()
     for k in range(count):
         own = slice(NUISANCES * k, NUISANCES * (k + 1))
         nuisance[own, own] += sums.nuisance[k, :, :NUISANCES]
-    by_nuisance = by_nuisance.reshape(-1, *albedo.shape)
-    return AlbedoEquations(weight, step, by_nuisance, nuisance, right)
+    return AlbedoEquations(weight, step, rows, nuisance, right)
+
+
+@compiled
+def _albedo_rows(factors: AnyArray, root: FloatArray, rows: FloatArray) -> None:
+    """Fill `rows` (5 K, R − 1, C − 1) from factors of K images, see :class:`AlbedoEquations`."""
+    for k in range(factors.shape[0]):
+        for i in range(root.shape[0]):
+            along_y = (2.0 * i + 1.0) / root.shape[0] - 1.0
+            for j in range(root.shape[1]):
+                by_albedo = factors[k, i, j, UNKNOWNS - 1] / root[i, j]
+                bright = by_albedo * factors[k, i, j, UNKNOWNS]
+                place = NUISANCES * k
+                rows[place, i, j] = bright
+                rows[place + 1, i, j] = bright * ((2.0 * j + 1.0) / root.shape[1] - 1.0)
+                rows[place + 2, i, j] = bright * along_y
+                rows[place + 3, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 1]
+                rows[place + 4, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 2]
 
 
 def with_priors(

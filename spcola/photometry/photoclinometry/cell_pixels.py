@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spcola.arrays import FloatArray
+from spcola.arrays import AnyArray, FloatArray
 from spcola.compilation import compiled, compiled_inline
 from spcola.photometry.functions import shade
 
@@ -21,8 +21,8 @@ UNKNOWNS = 4
 # Nuisance parameters of an image: logarithm of its scale λ, changes of it along the grid's x and y
 # (from the centre to the edge), shifts along samples and lines (px).
 NUISANCES = 5
-# Variance of a uniform distribution is its width squared over this.
-_UNIFORM = 12.0
+# Numbers of a cell in one image: see :func:`gather_cells`.
+FACTORS = UNKNOWNS + 3
 # Smallest extent of a cell in the image, pixels: its centre lies in one pixel then.
 _LEAST_EXTENT = 1e-6
 
@@ -138,8 +138,8 @@ def gather_cells(
     places: Places,
     seeing: tuple[float, float, FloatArray],
     window: FloatArray,
-    partials: FloatArray,
-    sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    bright: tuple[FloatArray, FloatArray, FloatArray],
+    sums: tuple[FloatArray, AnyArray, FloatArray],
 ) -> None:
     """Add the normal equations of one image, a term for each cell [20, 21].
 
@@ -158,59 +158,77 @@ def gather_cells(
         Weight 1/σ² over the area of all cells in a pixel, and its products with the residual, the
         expected brightness, and the derivatives of that along samples and lines. All are 0 where a
         pixel does not count.
-    partials : (3, R − 1, C − 1) ndarray
-        Derivatives of a cell's brightness by its slopes and its albedo.
-    sums : four ndarrays
-        To which it is added. (10, R − 1, C − 1): upper triangle, row by row, of the normal matrix
-        of (∂h/∂x, ∂h/∂y, h, albedo); (4, R − 1, C − 1): its right-hand side; (20, R − 1, C − 1):
-        products of the four unknowns with the image's five nuisance parameters, row by row; (5, 6):
+    bright : three ndarrays
+        (R − 1, C − 1): brightness of a cell of albedo 1 and Φ = 1, and its albedo; (3, R − 1,
+        C − 1): what :func:`shade_cells` gives.
+    sums : three ndarrays
+        To the first and the last it is added; the second is filled.
+        (R − 1, C − 1, 14): upper triangle, row by row, of the normal matrix of (∂h/∂x, ∂h/∂y, h,
+        albedo), then its right-hand side. (R − 1, C − 1, 7): derivatives of the brightness by these
+        four unknowns, times the weight, and by ln λ and by the shifts along samples and lines: the
+        products of the two are those of the unknowns with the image's nuisance parameters. (5, 6):
         normal matrix of these, and in the last column its right-hand side, over all cells.
     """
     u, v, up_u, up_v = places
     facing, blur, seen = seeing
-    normal, right, coupled, nuisance = sums
+    unit_bright, albedo, shades = bright
+    own, factors, nuisance = sums
     height, width = window.shape[:2]
+    normal = np.zeros((NUISANCES, NUISANCES + 1))
     for i in range(seen.shape[0]):
+        along_y = (2.0 * i + 1.0) / seen.shape[0] - 1.0
         for j in range(seen.shape[1]):
+            factors[i, j] = 0.0
             if not seen[i, j] > 0.0:
                 continue
             first, last, top, bottom, area = _box(u, v, i, j, blur)
             if not area * facing > 0.0:
                 continue
             unit = area * facing * seen[i, j] / ((last - first) * (bottom - top))
-            weight, pull, bright, by_u, by_v = 0.0, 0.0, 0.0, 0.0, 0.0
+            weight, pull, mean, by_u, by_v = 0.0, 0.0, 0.0, 0.0, 0.0
+            left, right = max(int(np.floor(first)), 0), min(int(np.ceil(last)), width)
             for y in range(max(int(np.floor(top)), 0), min(int(np.ceil(bottom)), height)):
                 across = unit * _overlap(top, bottom, y)
-                for x in range(max(int(np.floor(first)), 0), min(int(np.ceil(last)), width)):
+                for x in range(left, right):
                     part = across * _overlap(first, last, x)
                     weight += part * window[y, x, 0]
                     pull += part * window[y, x, 1]
-                    bright += part * window[y, x, 2]
+                    mean += part * window[y, x, 2]
                     by_u += part * window[y, x, 3]
                     by_v += part * window[y, x, 4]
             if not weight > 0.0:
                 continue
-            bright, by_u, by_v = bright / weight, by_u / weight, by_v / weight
+            over = 1.0 / weight
+            mean, by_u, by_v = mean * over, -by_u * over, -by_v * over
             lift_u = 0.25 * (up_u[i, j] + up_u[i, j + 1] + up_u[i + 1, j] + up_u[i + 1, j + 1])
             lift_v = 0.25 * (up_v[i, j] + up_v[i, j + 1] + up_v[i + 1, j] + up_v[i + 1, j + 1])
+            scale = unit_bright[i, j] * albedo[i, j]
             row = (
-                partials[0, i, j],
-                partials[1, i, j],
-                -by_u * lift_u - by_v * lift_v,
-                partials[2, i, j],
+                scale * shades[1, i, j],
+                scale * shades[2, i, j],
+                by_u * lift_u + by_v * lift_v,
+                unit_bright[i, j] * shades[0, i, j],
             )
-            along_x = (2.0 * j + 1.0) / seen.shape[1] - 1.0
-            along_y = (2.0 * i + 1.0) / seen.shape[0] - 1.0
-            extra = (bright, bright * along_x, bright * along_y, -by_u, -by_v)
             place = 0
             for a in range(UNKNOWNS):
-                right[a, i, j] += pull * row[a]
+                weighted = weight * row[a]
+                factors[i, j, a] = weighted
                 for b in range(a, UNKNOWNS):
-                    normal[place, i, j] += weight * row[a] * row[b]
+                    own[i, j, place] += weighted * row[b]
                     place += 1
-                for b in range(NUISANCES):
-                    coupled[NUISANCES * a + b, i, j] = weight * row[a] * extra[b]
+            for a in range(UNKNOWNS):
+                own[i, j, place + a] += pull * row[a]
+            factors[i, j, UNKNOWNS] = mean
+            factors[i, j, UNKNOWNS + 1] = by_u
+            factors[i, j, UNKNOWNS + 2] = by_v
+            along_x = (2.0 * j + 1.0) / seen.shape[1] - 1.0
+            extra = (mean, mean * along_x, mean * along_y, by_u, by_v)
             for a in range(NUISANCES):
-                nuisance[a, NUISANCES] += pull * extra[a]
-                for b in range(NUISANCES):
-                    nuisance[a, b] += weight * extra[a] * extra[b]
+                weighted = weight * extra[a]
+                for b in range(a, NUISANCES):
+                    normal[a, b] += weighted * extra[b]
+                normal[a, NUISANCES] += pull * extra[a]
+    for a in range(NUISANCES):
+        nuisance[a, NUISANCES] += normal[a, NUISANCES]
+        for b in range(NUISANCES):
+            nuisance[a, b] += normal[min(a, b), max(a, b)]

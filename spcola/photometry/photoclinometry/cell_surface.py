@@ -10,14 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from spcola.arrays import FloatArray
-from spcola.compilation import compiled, compiled_sums
+from spcola.compilation import compiled, compiled_inline, compiled_sums
 from spcola.heights import inverse_diagonal
 
 _TOLERANCE = 1e-4
 _MOST_ITERATIONS = 40
+# Columns of a factor that are subtracted from the following ones at once: memory, not arithmetic,
+# limits the factorisation.
+_COLUMNS = 4
+# Right-hand sides that are solved at once: those of a band of rows stay in the nearest memory.
+_RIGHT_SIDES = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +35,8 @@ class CellInformation:
         Upper triangle, row by row, of the information of (∂h/∂x, ∂h/∂y, h) of each cell.
     right : (3, R − 1, C − 1) ndarray
         Right-hand sides.
-    coupled : (P, 3, R − 1, C − 1) ndarray
-        Products with the P nuisance parameters.
+    coupled : (P, R, C) ndarray
+        Products of the heights of the points with the P nuisance parameters.
     nuisance : (P, P) ndarray
         Normal matrix of the nuisance parameters.
     nuisance_right : (P,) ndarray
@@ -74,10 +79,7 @@ class CellSurface:
         self._right = np.array(right)
         _assemble(cells.normal, cells.right, twist, gsd, self._diagonals, self._right)
         count = len(cells.nuisance)
-        self._coupled = np.zeros((count, *self._shape))
-        for one, layer in zip(self._coupled, cells.coupled, strict=True):
-            _to_points(layer, gsd, one)
-        self._coupled = self._coupled.reshape(count, weight.size)
+        self._coupled = cells.coupled.reshape(count, weight.size)
         self._nuisance_normal = cells.nuisance
         self._nuisance = cho_factor(cells.nuisance) if count else None
         self._nuisance_right = cells.nuisance_right
@@ -85,9 +87,12 @@ class CellSurface:
         _factorise(self._factor)
 
     def _band(self) -> FloatArray:
-        """Return the lower band (points, columns + 2): row j has the matrix at (j + k, j)."""
+        """Return the lower band: row j has the matrix at (j + k, j) in column k.
+
+        The last columns are 0 and stay so: blocks of columns of the factor reach there.
+        """
         rows, columns = self._shape
-        band = np.zeros((rows * columns, columns + 2))
+        band = np.zeros((rows * columns, columns + 1 + _COLUMNS))
         places = (0, 1, columns - 1, columns, columns + 1)
         for place, diagonal in zip(places, self._diagonals, strict=True):
             band[:, place] += diagonal.ravel()
@@ -129,6 +134,16 @@ class CellSurface:
         _substitute(self._factor, solved)
         return solved
 
+    def _direct_of_nuisances(self) -> FloatArray:
+        """Return the solutions (P, points) for the products with the nuisance parameters."""
+        solved = np.empty(self._coupled.shape)
+        for first in range(0, len(solved), _RIGHT_SIDES):
+            some = slice(first, first + _RIGHT_SIDES)
+            columns = np.array(self._coupled[some].T, dtype=np.float64, order="C")
+            _substitute_all(self._factor, columns)
+            solved[some] = columns.T
+        return solved
+
     def _times(self, x: FloatArray) -> FloatArray:
         out = np.empty(x.size)
         _multiply(self._diagonals.reshape(5, -1), self._shape[1], x, out)
@@ -140,9 +155,10 @@ class CellSurface:
         """Return the variances (R, C) of the heights, m²; those of nuisance parameters enter."""
         own = inverse_diagonal(self._factor)
         if len(self._coupled):
-            solved = np.stack([self._direct(row) for row in self._coupled])
+            solved = self._direct_of_nuisances()
             left = self._nuisance_normal - self._coupled @ solved.T
-            own = own + np.sum(solved * np.linalg.solve(left, solved), axis=0)
+            root = np.linalg.cholesky(0.5 * (left + left.T))
+            own = own + np.sum(solve_triangular(root, solved, lower=True) ** 2, axis=0)
         return own.reshape(self._shape)
 
 
@@ -193,19 +209,6 @@ def _assemble(
 
 
 @compiled
-def _to_points(cells: FloatArray, gsd: float, out: FloatArray) -> None:
-    """Add right-hand sides (3, R − 1, C − 1) of cells to points (R, C)."""
-    half = 0.5 / gsd
-    for i in range(cells.shape[1]):
-        for j in range(cells.shape[2]):
-            x, y, h = half * cells[0, i, j], half * cells[1, i, j], 0.25 * cells[2, i, j]
-            out[i, j] += h - x - y
-            out[i, j + 1] += h + x - y
-            out[i + 1, j] += h - x + y
-            out[i + 1, j + 1] += h + x + y
-
-
-@compiled
 def _multiply(diagonals: FloatArray, columns: int, x: FloatArray, out: FloatArray) -> None:
     """Symmetric product with five diagonals."""
     size = x.size
@@ -222,20 +225,47 @@ def _multiply(diagonals: FloatArray, columns: int, x: FloatArray, out: FloatArra
 def _factorise(band: FloatArray) -> None:
     """Replace a lower band (N, W + 1), row j of which has column j, by its Cholesky factor.
 
-    A library's would use threads, which wait for each other while other maplets use the cores.
+    The last columns of the band are 0. A library's would use threads, which wait for each other
+    while other maplets use the cores.
     """
     size, width = band.shape[0], band.shape[1] - 1
-    for j in range(size):
-        own = band[j]
-        pivot = np.sqrt(own[0])
-        for k in range(width + 1):
-            own[k] /= pivot
-        for k in range(1, min(width, size - 1 - j) + 1):
-            factor = own[k]
-            if factor != 0.0:
-                other = band[j + k]
-                for m in range(width + 1 - k):
-                    other[m] -= factor * own[k + m]
+    for first in range(0, size, _COLUMNS):
+        after = min(first + _COLUMNS, size)
+        for j in range(first, after):
+            own = band[j]
+            pivot = np.sqrt(own[0])
+            for k in range(width + 1):
+                own[k] /= pivot
+            for column in range(j + 1, after):
+                _subtract(band[column], own, column - j)
+        last = min(after + width - _COLUMNS + 1, size)
+        for column in range(after, last):
+            k = column - first
+            _subtract_four(
+                band[column], band[first], band[first + 1], band[first + 2], band[first + 3], k
+            )
+
+
+@compiled_inline
+def _subtract(column: FloatArray, own: FloatArray, k: int) -> None:
+    """Subtract from a column of a band what an earlier one, k before it, contributes."""
+    factor, rest = own[k], own[k:]
+    for m in range(rest.size):
+        column[m] -= factor * rest[m]
+
+
+@compiled_inline
+def _subtract_four(
+    column: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, k: int
+) -> None:
+    """Subtract from a column of a band what four earlier ones, the first k before it, contribute.
+
+    The last three numbers of each are 0.
+    """
+    fa, fb, fc, fd = a[k], b[k - 1], c[k - 2], d[k - 3]
+    ra, rb, rc, rd = a[k:], b[k - 1 :], c[k - 2 :], d[k - 3 :]
+    for m in range(ra.size):
+        column[m] -= fa * ra[m] + fb * rb[m] + fc * rc[m] + fd * rd[m]
 
 
 @compiled_sums
@@ -257,3 +287,25 @@ def _substitute(factor: FloatArray, x: FloatArray) -> None:
         for k in range(most):
             total += own[k] * after[k]
         x[j] = (x[j] - total) / factor[j, 0]
+
+
+@compiled_sums
+def _substitute_all(factor: FloatArray, x: FloatArray) -> None:
+    """Replace right-hand sides (N, M) by the solutions."""
+    size, width, count = factor.shape[0], factor.shape[1] - 1, x.shape[1]
+    total = np.empty(count)
+    for j in range(size):
+        own = x[j]
+        for n in range(count):
+            own[n] /= factor[j, 0]
+        for k in range(1, min(width, size - 1 - j) + 1):
+            by, after = factor[j, k], x[j + k]
+            for n in range(count):
+                after[n] -= by * own[n]
+    for j in range(size - 1, -1, -1):
+        total[:] = x[j]
+        for k in range(1, min(width, size - 1 - j) + 1):
+            by, after = factor[j, k], x[j + k]
+            for n in range(count):
+                total[n] -= by * after[n]
+        x[j] = total / factor[j, 0]

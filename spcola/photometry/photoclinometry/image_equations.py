@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spcola.arrays import BoolArray, FloatArray
-from spcola.math.robust import cauchy_weight, mad
+from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.math.robust import mad
 from spcola.photometry.photoclinometry.cell_pixels import (
+    FACTORS,
     NUISANCES,
     Places,
     gather_cells,
@@ -17,6 +18,12 @@ from spcola.photometry.photoclinometry.cell_pixels import (
 )
 from spcola.photometry.photoclinometry.image_window import ImageWindow
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
+from spcola.photometry.photoclinometry.pixel_weights import (
+    expect_pixels,
+    find_inner,
+    fit_scale,
+    weigh_pixels,
+)
 from spcola.photometry.photoclinometry.surface import Surface
 
 # Share of a pixel that seen cells have to fill.
@@ -127,10 +134,9 @@ def _compared(
     u, v = ground.places[:2]
     blur = _SQUARED_WIDTH * options.psf_px**2
     spread_cells(u, v, window.facing, blur, ground.seen, layers, sums)
-    filled = sums[0] >= _FILLED
-    with np.errstate(invalid="ignore", divide="ignore"):
-        expected, edge = np.where(filled, sums[1:] / sums[0], np.nan)
-    return Compared(window.usable & (expected > 0.0), sums[0], expected, edge)
+    used = np.zeros(window.pixels.shape, dtype=np.bool_)
+    expect_pixels(sums, window.usable, _FILLED, used)
+    return Compared(used, *sums)
 
 
 def gain(gradient: FloatArray, cells: tuple[int, ...]) -> FloatArray:
@@ -170,43 +176,51 @@ def scaled(
         scale = float(np.median(pixels / expected))
     spread = state.spread if np.isfinite(state.spread) else 1.0
     step = -(-pixels.size // _SAMPLE)
+    some = pixels[::step] / expected[::step]
     for _ in range(_SCALE_ROUNDS):
-        error = scale * spread * expected
-        weight = cauchy_weight((pixels - scale * expected) / error, options.loss_scale)
-        scale = float(np.sum(weight * pixels * expected) / np.sum(weight * expected**2))
-        spread = float(mad(pixels[::step] / (scale * expected[::step]) - 1.0))
-        spread = max(spread, options.least_error)
+        scale = fit_scale(pixels, expected, scale, scale * spread * options.loss_scale)
+        spread = max(float(mad(some)) / scale, options.least_error)
     return replace(state, scale=scale, spread=spread)
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Normal equations of all cells of a grid, summed over images [20, 21].
+    """Normal equations of all cells of a grid, summed over K images [20, 21].
 
     Attributes
     ----------
-    normal : (10, R − 1, C − 1) ndarray
-        Upper triangle, row by row, for (∂h/∂x, ∂h/∂y, h, albedo) of each cell.
-    right : (4, R − 1, C − 1) ndarray
-    coupled : (K, 20, R − 1, C − 1) ndarray
-        Products of these with the nuisance parameters of each of K images.
+    own : (R − 1, C − 1, 14) ndarray
+        Upper triangle, row by row, for (∂h/∂x, ∂h/∂y, h, albedo) of each cell, then the right-hand
+        side.
+    factors : (K, R − 1, C − 1, 7) ndarray of float32
+        Weighted derivatives by these unknowns, and derivatives by the nuisance parameters, of each
+        image, as :func:`gather_cells` has them.
     nuisance : (K, 5, 6) ndarray
-        Normal matrices and right-hand sides of these.
+        Normal matrices and right-hand sides of the nuisance parameters.
     """
 
-    normal: FloatArray
-    right: FloatArray
-    coupled: FloatArray
+    own: FloatArray
+    factors: AnyArray
     nuisance: FloatArray
 
     @classmethod
     def empty(cls, images: int, cells: tuple[int, int]) -> Sums:
         """Return sums over no image yet."""
         return cls(
-            np.zeros((10, *cells)), np.zeros((4, *cells)),
-            np.zeros((images, 4 * NUISANCES, *cells)),
+            np.zeros((*cells, 14)),
+            np.zeros((images, *cells, FACTORS), dtype=np.float32),
             np.zeros((images, NUISANCES, NUISANCES + 1)),
-        )  # fmt: skip
+        )
+
+    @property
+    def normal(self) -> FloatArray:
+        """Upper triangles (10, R − 1, C − 1) of the normal matrices."""
+        return np.moveaxis(self.own[..., :10], -1, 0)
+
+    @property
+    def right(self) -> FloatArray:
+        """Right-hand sides (4, R − 1, C − 1)."""
+        return np.moveaxis(self.own[..., 10:], -1, 0)
 
 
 def add_image(
@@ -230,60 +244,20 @@ def add_image(
     """
     ground = _ground_in(window, surface, state, options)
     compared = _compared(window, surface, ground, options)
-    by_line, by_sample = _gradient(compared.expected)
-    used = compared.used & np.isfinite(by_line + by_sample)
-    if np.count_nonzero(used) < _FEWEST:
+    used = np.zeros(window.pixels.shape, dtype=np.bool_)
+    if find_inner(compared.expected, compared.used, used) < _FEWEST:
         return replace(state, spread=float("nan"))
     pixels, expected = window.pixels[used], compared.expected[used]
     found = scaled(pixels, expected, state, options)
     state = found if rescale else state
-    scale = state.scale
-    error = state.spread * scale * np.maximum(expected, _DARK * expected.mean())
-    residual = pixels - scale * expected
-    factor = cauchy_weight(residual / error, options.loss_scale)
-    scores = np.full(window.pixels.shape, np.nan)
-    scores[used] = factor * residual / error
-    weight = factor / (error**2 * _inflation(scores))
-    share = weight * (1.0 - compared.edge[used]) ** 2 / compared.area[used]
-    terms = np.stack(
-        [residual, *(scale * one for one in (expected, by_sample[used], by_line[used]))]
-    )
     weighted = np.zeros((*window.pixels.shape, 5))
-    weighted[used] = np.vstack([share, share * terms]).T
-    partials = (
-        scale
-        * ground.lit
-        * np.stack(
-            [surface.albedo * ground.shades[1], surface.albedo * ground.shades[2], ground.shades[0]]
-        )
-    )
+    weigh_pixels(
+        window.pixels, used, (compared.expected, compared.area, compared.edge),
+        (state.scale, state.spread, _DARK * float(expected.mean()), options.loss_scale), weighted,
+    )  # fmt: skip
     seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
     seeing = window.facing, _SQUARED_WIDTH * options.psf_px**2, seen
-    into = sums.normal, sums.right, sums.coupled[number], sums.nuisance[number]
-    gather_cells(ground.places, seeing, weighted, partials, into)
+    bright = state.scale * ground.lit, surface.albedo, ground.shades
+    into = sums.own, sums.factors[number], sums.nuisance[number]
+    gather_cells(ground.places, seeing, weighted, bright, into)
     return replace(state, spread=found.spread)
-
-
-def _inflation(scores: FloatArray) -> float:
-    """Return the factor on the variance of pixels because neighbours have common errors.
-
-    It is one plus the correlations of `scores` (H, W), residuals over their errors times their
-    weights, with the eight neighbours; NaN at pixels that are not used.
-    """
-    known = np.isfinite(scores)
-    layer = np.where(known, scores, 0.0)
-    square = float(np.sum(layer**2)) / np.count_nonzero(known)
-    total = 0.0
-    for down, over in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        moved = np.roll(layer, (-down, -over), (0, 1))
-        both = known & np.roll(known, (-down, -over), (0, 1))
-        total += 2.0 * float(np.sum(layer * moved)) / max(int(np.count_nonzero(both)), 1)
-    return max(1.0, 1.0 + total / square) if square > 0.0 else 1.0
-
-
-def _gradient(layer: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return central differences (H, W) along lines and samples; NaN at edges and gaps."""
-    by_line, by_sample = np.full((2, *layer.shape), np.nan)
-    by_line[1:-1] = 0.5 * (layer[2:] - layer[:-2])
-    by_sample[:, 1:-1] = 0.5 * (layer[:, 2:] - layer[:, :-2])
-    return by_line, by_sample

@@ -225,7 +225,7 @@ class _Work:
             if window is not None and window.sun[2] >= np.sin(least_elevation):
                 self.states[k] = add_image(sums, k, window, surface, self.states[k], options)
         before = nuisance_values(self.states)
-        return reduce_albedo(sums, surface.albedo, before, self.known, options.albedo_sigma)
+        return reduce_albedo(sums, surface, before, self.known, options.albedo_sigma)
 
     def round(self) -> bool:
         """Do one round; return whether heights and albedo have settled."""
@@ -283,7 +283,7 @@ def _result(work: _Work) -> Photoclinometry:
         # Errors of the states are in the sigmas of the heights.
         center_sigma=np.zeros(3),
     )
-    albedo_sigma = work.options.convention.stated(1.0 / np.sqrt(reduced.albedo_weight))
+    albedo_sigma = work.options.convention.stated(1.0 / np.sqrt(reduced.albedo.weight))
     return Photoclinometry(
         maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
         work.light_ratio,

@@ -10,8 +10,12 @@ from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.albedo_convention import AlbedoConvention
-from spcola.photometry.photoclinometry.albedo_equations import eliminate_albedo, with_priors
-from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
+from spcola.photometry.photoclinometry.albedo_equations import (
+    AlbedoEquations,
+    eliminate_albedo,
+    with_priors,
+)
+from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS
 from spcola.photometry.photoclinometry.cell_surface import CellInformation, CellSurface
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
@@ -34,37 +38,39 @@ class Reduced:
     by_albedo : (3, R − 1, C − 1) ndarray
         Products of (∂h/∂x, ∂h/∂y, h) with the albedo, over the albedo's information: how much the
         albedo changes with them.
-    albedo : (R − 1, C − 1) ndarray
-        Change of the albedo where nothing else changes.
-    albedo_by_nuisance : (P, R − 1, C − 1) ndarray
-    albedo_weight : (R − 1, C − 1) ndarray
-        Information on the albedo, prior included.
+    albedo : AlbedoEquations
+        Prior included.
+    factors : (K, R − 1, C − 1, 7) ndarray of float32
+        Of K images, as :class:`Sums` has them.
+    gsd : float
+        Metres.
     """
 
     cells: CellInformation
     by_albedo: FloatArray
-    albedo: FloatArray
-    albedo_by_nuisance: FloatArray
-    albedo_weight: FloatArray
+    albedo: AlbedoEquations
+    factors: AnyArray
+    gsd: float
 
     def of_cells(self, chosen: BoolArray) -> Reduced:
         """Return the equations without the information of cells (R − 1, C − 1) not chosen."""
         own = self.cells
-        cells = replace(
-            own, normal=own.normal * chosen, right=own.right * chosen, coupled=own.coupled * chosen
-        )
+        coupled = np.zeros_like(own.coupled)
+        _couple(self.factors, self.by_albedo, chosen, self.gsd, coupled)
+        cells = replace(own, normal=own.normal * chosen, right=own.right * chosen, coupled=coupled)
         return replace(self, cells=cells)
 
 
 def reduce_albedo(
-    sums: Sums, albedo: FloatArray, before: FloatArray, known: FloatArray, sigma: float
+    sums: Sums, surface: Surface, before: FloatArray, known: FloatArray, sigma: float
 ) -> Reduced:
     """Eliminate the albedo of each cell, and add the priors of albedo and shifts.
 
     Parameters
     ----------
     sums : Sums
-    albedo : (R − 1, C − 1) ndarray
+        Over K images.
+    surface : Surface
     before : (K, 5) ndarray
         Nuisance parameters of the images; the first has no prior.
     known : (K, 5, 5) ndarray
@@ -72,8 +78,7 @@ def reduce_albedo(
     sigma : float
         Prior standard deviation of the albedo about 1.
     """
-    count = len(before)
-    alone = eliminate_albedo(sums, albedo, sigma)
+    alone = eliminate_albedo(sums, surface.albedo, sigma)
     by_albedo = sums.normal[_WITH_ALBEDO, ...] / alone.weight
     normal = np.stack(
         [
@@ -82,28 +87,46 @@ def reduce_albedo(
         ]
     )
     right = sums.right[:3] - by_albedo * alone.weight * alone.step
-    coupled = np.empty((count, NUISANCES, 3, albedo.size))
-    _eliminate(sums.coupled.reshape(count, 4, NUISANCES, -1), by_albedo.reshape(3, -1), coupled)
     own = alone.nuisance, alone.nuisance_right
     nuisance, nuisance_right = with_priors(own, before, known)
-    coupled = coupled.reshape(NUISANCES * count, 3, *albedo.shape)
+    coupled = np.zeros((len(nuisance), *surface.height.shape), dtype=np.float32)
+    every = np.ones(surface.albedo.shape, dtype=np.bool_)
+    _couple(sums.factors, by_albedo, every, surface.gsd, coupled)
     cells = CellInformation(normal, right, coupled, nuisance, nuisance_right)
-    return Reduced(cells, by_albedo, alone.step, alone.by_nuisance, alone.weight)
+    return Reduced(cells, by_albedo, alone, sums.factors, surface.gsd)
 
 
 @compiled
-def _eliminate(products: FloatArray, by_albedo: FloatArray, coupled: FloatArray) -> None:
-    """Fill `coupled` (K, 5, 3, N): products of N cells with nuisances, without their albedo.
+def _couple(
+    factors: AnyArray, by_albedo: FloatArray, chosen: BoolArray, gsd: float, out: AnyArray
+) -> None:
+    """Add to `out` (5 K, R, C) the products of heights with the nuisance parameters of K images.
 
-    `products` (K, 4, 5, N) are those of the slopes, the height and the albedo.
+    Those of the slopes and mean heights of the chosen cells, without their albedo, are taken to
+    their corners.
     """
-    for k in range(coupled.shape[0]):
-        for b in range(coupled.shape[1]):
-            albedo = products[k, 3, b]
-            for a in range(3):
-                own, out, by = products[k, a, b], coupled[k, b, a], by_albedo[a]
-                for j in range(out.size):
-                    out[j] = own[j] - albedo[j] * by[j]
+    half = 0.5 / gsd
+    for k in range(factors.shape[0]):
+        for i in range(chosen.shape[0]):
+            along_y = (2.0 * i + 1.0) / chosen.shape[0] - 1.0
+            for j in range(chosen.shape[1]):
+                own = factors[k, i, j]
+                if not (chosen[i, j] and own[UNKNOWNS] != 0.0):
+                    continue
+                albedo = own[UNKNOWNS - 1]
+                x = half * (own[0] - by_albedo[0, i, j] * albedo)
+                y = half * (own[1] - by_albedo[1, i, j] * albedo)
+                h = 0.25 * (own[2] - by_albedo[2, i, j] * albedo)
+                bright = np.float64(own[UNKNOWNS])
+                by_u, by_v = np.float64(own[UNKNOWNS + 1]), np.float64(own[UNKNOWNS + 2])
+                along_x = (2.0 * j + 1.0) / chosen.shape[1] - 1.0
+                extra = (bright, bright * along_x, bright * along_y, by_u, by_v)
+                for b in range(NUISANCES):
+                    points = out[NUISANCES * k + b]
+                    points[i, j] += (h - x - y) * extra[b]
+                    points[i, j + 1] += (h + x - y) * extra[b]
+                    points[i + 1, j] += (h - x + y) * extra[b]
+                    points[i + 1, j + 1] += (h + x + y) * extra[b]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +200,8 @@ def changed_albedo(
     """Return the albedo (R − 1, C − 1) after changes of heights (R, C) and nuisances (P,)."""
     slopes, mean = cell_slopes(rise, surface.gsd), at_cells(rise)
     changes = np.stack([*slopes, mean])
-    step = reduced.albedo - np.sum(reduced.by_albedo * changes, axis=0)
-    step = step - np.tensordot(nuisance, reduced.albedo_by_nuisance, 1)
+    step = reduced.albedo.step - np.sum(reduced.by_albedo * changes, axis=0)
+    step = step - reduced.albedo.fall(nuisance)
     return convention.bounded(surface.albedo + step)
 
 

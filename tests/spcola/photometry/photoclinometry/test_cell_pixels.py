@@ -90,11 +90,9 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
     window[used, 1] = left / sums[0][used]
     # As if all pixels were expected to be 1: the sum over cells is that over pixels then.
     window[used, 2] = 1.0 / sums[0][used]
-    partials = scale * np.stack([albedo * shades[1], albedo * shades[2], shades[0]])
-    into = (
-        np.zeros((10, *CELLS)), np.zeros((4, *CELLS)), np.zeros((20, *CELLS)), np.zeros((5, 6)),
-    )  # fmt: skip
-    gather_cells(where, (1.0, 0.0, np.ones(CELLS)), window, partials, into)
+    bright = np.full(CELLS, scale), albedo, shades
+    own, factors, nuisance = np.zeros((*CELLS, 14)), np.zeros((*CELLS, 7)), np.zeros((5, 6))
+    gather_cells(where, (1.0, 0.0, np.ones(CELLS)), window, bright, (own, factors, nuisance))
     step = 1e-6
     for place in ((0, 0), (3, 4), (6, 8), (2, 7)):
         for unknown in (0, 1, 3):
@@ -107,5 +105,5 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
                     moved[unknown][place] += sign * step
                 changed.append(0.5 * np.sum(residuals(moved, bright) ** 2))
             gradient = -(changed[0] - changed[1]) / (2 * step)
-            assert into[1][unknown][place] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
-    assert into[3][0, 5] == pytest.approx(np.sum(left))
+            assert own[place][10 + unknown] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
+    assert nuisance[0, 5] == pytest.approx(np.sum(left))

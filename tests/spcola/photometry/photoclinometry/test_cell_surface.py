@@ -28,7 +28,7 @@ def dense():
     points, upper = SHAPE[0] * SHAPE[1], np.triu_indices(3)
     matrix, right = np.zeros((points + NUISANCES,) * 2), np.zeros(points + NUISANCES)
     normal, pull = np.zeros((6, *CELLS)), RNG.normal(size=(3, *CELLS))
-    coupled = 0.3 * RNG.normal(size=(NUISANCES, 3, *CELLS))
+    coupled = 0.3 * RNG.normal(size=(NUISANCES, *SHAPE))
     weight, heights = RNG.uniform(0.1, 1.0, SHAPE), RNG.normal(size=SHAPE)
     twist = RNG.uniform(0.5, 1.0, CELLS)
     matrix[:points, :points] += np.diag(weight.ravel())
@@ -41,9 +41,8 @@ def dense():
             matrix[:points, :points] += rows[:3].T @ own @ rows[:3]
             matrix[:points, :points] += twist[i, j] * np.outer(rows[3], rows[3])
             right[:points] += rows[:3].T @ pull[:, i, j]
-            cross = rows[:3].T @ coupled[:, :, i, j].T
-            matrix[:points, points:] += cross
-            matrix[points:, :points] += cross.T
+    matrix[points:, :points] = coupled.reshape(NUISANCES, -1)
+    matrix[:points, points:] = coupled.reshape(NUISANCES, -1).T
     nuisance = 60.0 * np.eye(NUISANCES) + 1.0
     matrix[points:, points:] = nuisance
     right[points:] = RNG.normal(size=NUISANCES)
@@ -72,7 +71,7 @@ def test_a_direction_of_the_slope_enters_and_the_other_does_not():
     normal[0], normal[1], normal[3] = 1e6, 1e6, 1e6
     slope = 0.2
     right[0] = right[1] = 1e6 * slope
-    empty = CellInformation(normal, right, np.zeros((0, 3, *CELLS)), np.zeros((0, 0)), np.zeros(0))
+    empty = CellInformation(normal, right, np.zeros((0, *SHAPE)), np.zeros((0, 0)), np.zeros(0))
     y, x = np.indices(SHAPE) * GSD
     across = 0.05 * (x - y)
     weight = np.full(SHAPE, 1e-3)

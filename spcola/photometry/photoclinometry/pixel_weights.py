@@ -1,0 +1,144 @@
+"""Pixels of an image: what is expected of them, and how much each counts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import compiled, compiled_sums
+
+
+@compiled
+def expect_pixels(sums: FloatArray, usable: BoolArray, least: float, used: BoolArray) -> None:
+    """Divide sums over cells by their area, and fill `used`: pixels that can be compared.
+
+    Parameters
+    ----------
+    sums : (3, H, W) ndarray
+        Area of the cells in each pixel, and area times brightness and times half-lit cells. The
+        last two are divided by it; NaN where cells do not fill the pixel.
+    usable : (H, W) ndarray of bool
+        Pixels between the image's thresholds.
+    least : float
+        Share of a pixel that cells have to fill.
+    used : (H, W) ndarray of bool
+    """
+    for y in range(used.shape[0]):
+        for x in range(used.shape[1]):
+            area = sums[0, y, x]
+            if area >= least:
+                sums[1, y, x] /= area
+                sums[2, y, x] /= area
+                used[y, x] = usable[y, x] and sums[1, y, x] > 0.0
+            else:
+                sums[1, y, x] = sums[2, y, x] = np.nan
+
+
+@compiled
+def find_inner(expected: FloatArray, used: BoolArray, inner: BoolArray) -> int:
+    """Fill `inner` (H, W): used pixels with expected neighbours on four sides; return how many."""
+    count = 0
+    for y in range(1, used.shape[0] - 1):
+        for x in range(1, used.shape[1] - 1):
+            across = expected[y, x + 1] - expected[y, x - 1]
+            inner[y, x] = used[y, x] and np.isfinite(
+                across + expected[y + 1, x] - expected[y - 1, x]
+            )
+            count += inner[y, x]
+    return count
+
+
+@compiled_sums
+def fit_scale(pixels: FloatArray, expected: FloatArray, scale: float, limit: float) -> float:
+    """Return λ of N pixels: weighted least squares of relative residuals, Cauchy's weights.
+
+    `limit` is the residual, relative to the expected brightness without λ, of half weight.
+    """
+    above, below = 0.0, 0.0
+    for k in range(pixels.size):
+        ratio = (pixels[k] - scale * expected[k]) / (limit * expected[k])
+        weighted = expected[k] / (1.0 + ratio * ratio)
+        above += weighted * pixels[k]
+        below += weighted * expected[k]
+    return above / below
+
+
+@compiled
+def weigh_pixels(
+    pixels: FloatArray,
+    used: BoolArray,
+    compared: tuple[FloatArray, FloatArray, FloatArray],
+    known: tuple[float, float, float, float],
+    out: FloatArray,
+) -> None:
+    """Fill `out` (H, W, 5) with what :func:`gather_cells` takes of each pixel.
+
+    Outliers are down-weighted by Cauchy's weight, pixels at the edge of a shadow by the share of
+    half-lit cells, all by the correlation of neighbours.
+
+    Parameters
+    ----------
+    pixels : (H, W) ndarray
+        Brightness.
+    used : (H, W) ndarray of bool
+        From :func:`find_inner`.
+    compared : three (H, W) ndarrays
+        Expected brightness without λ, area of the cells in each pixel, share of half-lit cells.
+    known : scale, spread, dark, loss
+        λ; relative error of a pixel; expected brightness below which the error falls no further;
+        residual in its sigmas beyond which a pixel is down-weighted.
+    out : (H, W, 5) ndarray
+        Zeros.
+    """
+    expected, area, edge = compared
+    scale, spread, dark, loss = known
+    for y in range(used.shape[0]):
+        for x in range(used.shape[1]):
+            if used[y, x]:
+                error = spread * scale * max(expected[y, x], dark)
+                score = (pixels[y, x] - scale * expected[y, x]) / error
+                factor = 1.0 / (1.0 + (score / loss) ** 2)
+                # For now: the weighted score, and the weight without the neighbours.
+                out[y, x, 1] = factor * score
+                out[y, x, 0] = factor / (error * error)
+    common = _inflation(out[:, :, 1], used)
+    for y in range(used.shape[0]):
+        for x in range(used.shape[1]):
+            if used[y, x]:
+                share = out[y, x, 0] * (1.0 - edge[y, x]) ** 2 / (common * area[y, x])
+                out[y, x, 0] = share
+                out[y, x, 1] = share * (pixels[y, x] - scale * expected[y, x])
+                out[y, x, 2] = share * scale * expected[y, x]
+                half = 0.5 * share * scale
+                out[y, x, 3] = half * (expected[y, x + 1] - expected[y, x - 1])
+                out[y, x, 4] = half * (expected[y + 1, x] - expected[y - 1, x])
+
+
+@compiled
+def _inflation(scores: FloatArray, used: BoolArray) -> float:
+    """Return the factor on the variance of pixels because neighbours have common errors.
+
+    It is one plus the correlations of `scores` (H, W), residuals over their errors times their
+    weights, with the eight neighbours.
+    """
+    square, count = 0.0, 0
+    products, pairs = np.zeros(4), np.zeros(4)
+    for y in range(used.shape[0] - 1):
+        for x in range(1, used.shape[1] - 1):
+            if not used[y, x]:
+                continue
+            own = scores[y, x]
+            square += own * own
+            count += 1
+            for k in range(4):
+                # Right; below; below right; below left.
+                down, over = (0, 1) if k == 0 else (1, (0, 1, -1)[k - 1])
+                if used[y + down, x + over]:
+                    products[k] += own * scores[y + down, x + over]
+                    pairs[k] += 1.0
+    if not square > 0.0:
+        return 1.0
+    total = 0.0
+    for k in range(4):
+        total += 2.0 * products[k] / max(pairs[k], 1.0)
+    return max(1.0, 1.0 + total * count / square)
