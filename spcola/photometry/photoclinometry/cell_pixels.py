@@ -165,9 +165,10 @@ def gather_cells(
         To the first and the last it is added; the second is filled.
         (R − 1, C − 1, 14): upper triangle, row by row, of the normal matrix of (∂h/∂x, ∂h/∂y, h,
         albedo), then its right-hand side. (R − 1, C − 1, 7): derivatives of the brightness by these
-        four unknowns, times the weight, and by ln λ and by the shifts along samples and lines: the
-        products of the two are those of the unknowns with the image's nuisance parameters. (5, 6):
-        normal matrix of these, and in the last column its right-hand side, over all cells.
+        four unknowns, and by ln λ and the shifts along samples and lines, each times the root of
+        the weight: the products of the two are those of the unknowns with the image's nuisance
+        parameters. (5, 6): normal matrix of these, and in the last column its right-hand side,
+        over all cells.
     """
     u, v, up_u, up_v = places
     facing, blur, seen = seeing
@@ -198,7 +199,7 @@ def gather_cells(
                     by_v += part * window[y, x, 4]
             if not weight > 0.0:
                 continue
-            over = 1.0 / weight
+            over, root = 1.0 / weight, np.sqrt(weight)
             mean, by_u, by_v = mean * over, -by_u * over, -by_v * over
             lift_u = 0.25 * (up_u[i, j] + up_u[i, j + 1] + up_u[i + 1, j] + up_u[i + 1, j + 1])
             lift_v = 0.25 * (up_v[i, j] + up_v[i, j + 1] + up_v[i + 1, j] + up_v[i + 1, j + 1])
@@ -211,16 +212,15 @@ def gather_cells(
             )
             place = 0
             for a in range(UNKNOWNS):
-                weighted = weight * row[a]
-                factors[i, j, a] = weighted
+                factors[i, j, a] = root * row[a]
                 for b in range(a, UNKNOWNS):
-                    own[i, j, place] += weighted * row[b]
+                    own[i, j, place] += weight * row[a] * row[b]
                     place += 1
             for a in range(UNKNOWNS):
                 own[i, j, place + a] += pull * row[a]
-            factors[i, j, UNKNOWNS] = mean
-            factors[i, j, UNKNOWNS + 1] = by_u
-            factors[i, j, UNKNOWNS + 2] = by_v
+            factors[i, j, UNKNOWNS] = root * mean
+            factors[i, j, UNKNOWNS + 1] = root * by_u
+            factors[i, j, UNKNOWNS + 2] = root * by_v
             along_x = (2.0 * j + 1.0) / seen.shape[1] - 1.0
             extra = (mean, mean * along_x, mean * along_y, by_u, by_v)
             for a in range(NUISANCES):

@@ -179,7 +179,7 @@ def scaled(
     some = pixels[::step] / expected[::step]
     for _ in range(_SCALE_ROUNDS):
         scale = fit_scale(pixels, expected, scale, scale * spread * options.loss_scale)
-        spread = max(float(mad(some)) / scale, options.least_error)
+        spread = max(float(mad(some) / abs(scale)), options.least_error)
     return replace(state, scale=scale, spread=spread)
 
 
@@ -193,8 +193,8 @@ class Sums:
         Upper triangle, row by row, for (∂h/∂x, ∂h/∂y, h, albedo) of each cell, then the right-hand
         side.
     factors : (K, R − 1, C − 1, 7) ndarray of float32
-        Weighted derivatives by these unknowns, and derivatives by the nuisance parameters, of each
-        image, as :func:`gather_cells` has them.
+        Derivatives by these unknowns and by the nuisance parameters of each image, over the error
+        of the brightness, as :func:`gather_cells` has them.
     nuisance : (K, 5, 6) ndarray
         Normal matrices and right-hand sides of the nuisance parameters.
     """
