@@ -247,7 +247,7 @@ class _Work:
         for window in self.windows:
             sums, rows = self._sums(window, spreads)
             equations = eliminate_albedo(sums, self.albedo[window.cells], prior)
-            equations = equations.turned(window.to_whole)
+            equations = equations.with_parameters(window.to_whole)
             albedo[window.inner] += equations.step[window.own]
             weight = equations.weight[window.own]
             self.informed[window.inner] = informed = weight > 2.0 * prior**-2
@@ -325,7 +325,7 @@ class _Work:
         sums, rows = self._sums(window)
         sigma = self.options.photoclinometry.albedo_sigma
         equations = eliminate_albedo(sums, self.albedo[window.cells], sigma)
-        equations = equations.turned(window.to_whole)
+        equations = equations.with_parameters(window.to_whole)
         common = covariance[np.ix_(rows, rows)]
         by = equations.by_nuisance.reshape(len(rows), -1)
         images = np.sum(by * (common @ by), axis=0).reshape(equations.weight.shape)

@@ -43,14 +43,15 @@ class AlbedoEquations:
         """Return how much the albedo (R − 1, C − 1) falls with nuisance parameters (P,)."""
         return np.tensordot(nuisance, self.rows, 1) / np.sqrt(self.weight)
 
-    def turned(self, turn: FloatArray) -> AlbedoEquations:
-        """Return the same for other nuisance parameters, those of each image the same way.
+    def with_parameters(self, change: FloatArray) -> AlbedoEquations:
+        """Return the equations for other nuisance parameters, changed alike in each image.
 
-        `turn` (5, 5) has the derivatives by the other ones from the derivatives by these.
+        `change` (5, 5) takes derivatives by the present parameters of an image to those by the
+        other ones.
         """
         count = len(self.rows) // NUISANCES
-        rows = np.tensordot(turn, self.rows.reshape(count, NUISANCES, -1), (1, 1))
-        whole = np.kron(np.eye(count), turn)
+        rows = np.tensordot(change, self.rows.reshape(count, NUISANCES, -1), (1, 1))
+        whole = np.kron(np.eye(count), change)
         return replace(
             self,
             rows=np.moveaxis(rows, 0, 1).reshape(self.rows.shape),

@@ -133,6 +133,29 @@ def spread_cells(
                         sums[1 + k, y, x] += part * layers[k, i, j]
 
 
+@compiled_inline
+def _over_pixels(
+    window: FloatArray, box: tuple[float, float, float, float], unit: float
+) -> tuple[float, float, float, float, float]:
+    """Return the sums of the five layers of a window (H, W, 5) over a cell's rectangle.
+
+    `unit` is the area of the cell over that of the rectangle.
+    """
+    first, last, top, bottom = box
+    weight, pull, mean, by_u, by_v = 0.0, 0.0, 0.0, 0.0, 0.0
+    left, right = max(int(np.floor(first)), 0), min(int(np.ceil(last)), window.shape[1])
+    for y in range(max(int(np.floor(top)), 0), min(int(np.ceil(bottom)), window.shape[0])):
+        across = unit * _overlap(top, bottom, y)
+        for x in range(left, right):
+            part = across * _overlap(first, last, x)
+            weight += part * window[y, x, 0]
+            pull += part * window[y, x, 1]
+            mean += part * window[y, x, 2]
+            by_u += part * window[y, x, 3]
+            by_v += part * window[y, x, 4]
+    return weight, pull, mean, by_u, by_v
+
+
 @compiled
 def gather_cells(
     places: Places,
@@ -174,7 +197,6 @@ def gather_cells(
     facing, blur, seen = seeing
     unit_bright, albedo, shades = bright
     own, factors, nuisance = sums
-    height, width = window.shape[:2]
     normal = np.zeros((NUISANCES, NUISANCES + 1))
     for i in range(seen.shape[0]):
         along_y = (2.0 * i + 1.0) / seen.shape[0] - 1.0
@@ -186,17 +208,7 @@ def gather_cells(
             if not area * facing > 0.0:
                 continue
             unit = area * facing * seen[i, j] / ((last - first) * (bottom - top))
-            weight, pull, mean, by_u, by_v = 0.0, 0.0, 0.0, 0.0, 0.0
-            left, right = max(int(np.floor(first)), 0), min(int(np.ceil(last)), width)
-            for y in range(max(int(np.floor(top)), 0), min(int(np.ceil(bottom)), height)):
-                across = unit * _overlap(top, bottom, y)
-                for x in range(left, right):
-                    part = across * _overlap(first, last, x)
-                    weight += part * window[y, x, 0]
-                    pull += part * window[y, x, 1]
-                    mean += part * window[y, x, 2]
-                    by_u += part * window[y, x, 3]
-                    by_v += part * window[y, x, 4]
+            weight, pull, mean, by_u, by_v = _over_pixels(window, (first, last, top, bottom), unit)
             if not weight > 0.0:
                 continue
             over, root = 1.0 / weight, np.sqrt(weight)

@@ -50,9 +50,10 @@ def find_inner(expected: FloatArray, used: BoolArray, inner: BoolArray) -> int:
 
 @compiled_sums
 def fit_scale(pixels: FloatArray, expected: FloatArray, scale: float, limit: float) -> float:
-    """Return λ of N pixels: weighted least squares of relative residuals, Cauchy's weights.
+    """Return λ of N pixels by least squares, with Cauchy's weights of relative residuals.
 
-    `limit` is the residual, relative to the expected brightness without λ, of half weight.
+    A pixel whose residual is `limit` times its expected brightness without λ has half the weight;
+    `scale` is the λ of the residuals.
     """
     above, below = 0.0, 0.0
     for k in range(pixels.size):
@@ -98,7 +99,7 @@ def weigh_pixels(
                 error = spread * scale * max(expected[y, x], dark)
                 score = (pixels[y, x] - scale * expected[y, x]) / error
                 factor = 1.0 / (1.0 + (score / loss) ** 2)
-                # For now: the weighted score, and the weight without the neighbours.
+                # The correlation of neighbours takes the weighted scores; it divides the weights.
                 out[y, x, 1] = factor * score
                 out[y, x, 0] = factor / (error * error)
     common = _inflation(out[:, :, 1], used)
