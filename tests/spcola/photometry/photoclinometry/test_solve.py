@@ -108,6 +108,24 @@ def test_the_order_of_the_images_does_not_matter(painted, photographs):
     assert [fit.name for fit in once.images] == [fit.name for fit in again.images][::-1]
 
 
+@pytest.mark.parametrize("unit", [1e-18, 1e18])
+def test_the_unit_of_brightness_does_not_matter(painted, photographs, unit):
+    once = solved(painted, photographs, FEW_ROUNDS)
+    other = [
+        replace(
+            image,
+            pixels=unit * np.asarray(image.pixels, dtype=np.float64),
+            thresholds=tuple(unit * limit for limit in image.thresholds),
+        )
+        for image in photographs
+    ]
+    again = solved(painted, other, FEW_ROUNDS)
+    np.testing.assert_allclose(again.maplet.height, once.maplet.height, atol=1e-6)
+    # Each round's heights are solved to 1e-4, so that rounding changes sigmas at the edge as much.
+    np.testing.assert_allclose(again.maplet.sigma, once.maplet.sigma, rtol=1e-3)
+    assert again.images[0].scale == pytest.approx(unit * once.images[0].scale, rel=1e-6)
+
+
 def test_displaced_images_are_moved_back(painted, photographs):
     shift = np.array([[0.8, -0.5], [-0.6, 0.4], [0.3, 0.7], [-0.7, -0.6], [0.5, 0.4], [-0.3, -0.4]])
     moved = [
