@@ -118,7 +118,8 @@ def fuse(
     Slopes are integrated with the registered lidar heights as constraints. Results are in fused/.
     With --from images, slopes, albedo and heights of each maplet are solved from the brightness of
     its images, and heights of lidar, shape and overlapping maplets are in the same equations. The
-    result is a new solution; the one that is read stays as it is. [lithos] has the settings.
+    result is a new solution; the one that is read stays as it is. [lithos] has the settings; with
+    "returns" in its constraints the lidar's returns are used in place of mapolas.
     """
     check_source(source, name, force=options.force)
     if source == "images":

@@ -42,14 +42,27 @@ class ReturnSource:
     @classmethod
     def of(cls, context: StageContext, adjustment: ScanAdjustment | None = None) -> ReturnSource:
         """Open the returns of a `context`, geolocated as for mapolas, with an `adjustment`."""
-        workspace, table = context.workspace, context.table(MapolaSettings)
-        store = located_store(
-            workspace,
-            table,
-            context.table(SpinSettings),
-            context.table(SpiceSettings),
-            arc_s=arc_length(workspace, table) if table.adjust else np.inf,
-        )
+        tables = context.table(MapolaSettings), context.table(SpinSettings)
+        return cls._opened(context.workspace, *tables, context.table(SpiceSettings), adjustment)
+
+    @classmethod
+    def of_workspace(cls, workspace: Workspace) -> ReturnSource:
+        """Open the returns of a workspace as its mapolas were made of them."""
+        settings = workspace.settings()
+        tables = settings.mapolas, settings.spin, settings.spice
+        return cls._opened(workspace, *tables, workspace.adjustment())
+
+    @classmethod
+    def _opened(
+        cls,
+        workspace: Workspace,
+        table: MapolaSettings,
+        spin: SpinSettings,
+        spice: SpiceSettings,
+        adjustment: ScanAdjustment | None,
+    ) -> ReturnSource:
+        arc_s = arc_length(workspace, table) if table.adjust else np.inf
+        store = located_store(workspace, table, spin, spice, arc_s=arc_s)
         return cls(store, gridding_options(table), adjustment)
 
     def around(self, grid: MapletGrid, margin: float = 0.0) -> Returns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -60,9 +61,10 @@ class LithosCommandOptions:
         list[str] | None,
         typer.Option(
             metavar="KIND",
-            help="Heights that constrain the integration: shape, overlaps (of maplets), lidar (of "
-            "registered mapolas), or none. Repeat it for several. By default [lithos] constraints: "
-            "the shape.",
+            help="Heights that constrain the integration: shape, overlaps (of maplets of about "
+            "the same GSD), coarser (maplets), lidar (of registered mapolas), returns (registered "
+            "ones, each at its place), maps (of [lithos] maps), or none. Repeat it for several. By "
+            "default [lithos] constraints: the shape.",
         ),
     ] = None
     shape_sigma: Annotated[
@@ -72,6 +74,34 @@ class LithosCommandOptions:
             min=1e-6,
             max=1e5,
             help="Sigma of the shape's heights, [lithos] shape_sigma_m: else the GSD of a maplet.",
+        ),
+    ] = None
+    map: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="A map or terrain model whose heights constrain too, in the solution's frame: "
+            "GeoTIFF, .MAP, FITS of a release. Repeat it for several: [lithos] maps.",
+        ),
+    ] = None
+    map_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            min=1e-6,
+            max=1e5,
+            help="Sigma of the heights of maps that state none: [lithos] map_sigma_m.",
+        ),
+    ] = None
+    constraint_fraction: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            min=1e-6,
+            max=1.0,
+            help="Share of the constraining heights that counts in a round, drawn anew each "
+            "round: [lithos] constraint_fraction.",
         ),
     ] = None
     max_images: Annotated[
@@ -130,6 +160,8 @@ def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
     constraints = _kinds(given.constraint)
     changed = {
         "shape_sigma_m": given.shape_sigma,
+        "map_sigma_m": given.map_sigma,
+        "constraint_fraction": given.constraint_fraction,
         "max_images": given.max_images,
         "photometry": given.photometry or None,
         "psf_px": given.psf,
@@ -141,7 +173,14 @@ def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
         "lithos", **{key: value for key, value in changed.items() if value is not None}
     )
     subset = Subset.of(given.only or (), given.within)
-    options = LithosOptions.of(settings, subset, start=given.start, constraints=constraints)
+    options = LithosOptions.of(
+        settings,
+        subset,
+        start=given.start,
+        constraints=constraints,
+        maps=[path.resolve() for path in given.map or ()],
+        root=workspace.root,
+    )
     return _made(site, workspace, given.name, options)
 
 
@@ -152,13 +191,20 @@ def fuse_images(site: Site, given: ImageFusionOptions) -> Done:
     from fusion.stages.lithos import ConstraintKind, LithosOptions, Purpose
 
     workspace = site.open()
+    settings = accepting(workspace.settings(), given.accept or ())
+    asked = settings.lithos.constraints
     kinds = [
-        kind for kind in ConstraintKind if kind != ConstraintKind.SHAPE or workspace.has_shape()
+        ConstraintKind.OVERLAPS,
+        ConstraintKind.COARSER,
+        ConstraintKind.RETURNS if ConstraintKind.RETURNS in asked else ConstraintKind.LIDAR,
+        *([ConstraintKind.SHAPE] if workspace.has_shape() else []),
+        *([ConstraintKind.MAPS] if ConstraintKind.MAPS in asked else []),
     ]
     options = LithosOptions.of(
-        accepting(workspace.settings(), given.accept or ()),
+        settings,
         Subset.of(given.only or (), given.within),
         constraints=kinds,
+        root=workspace.root,
         purpose=Purpose.SPCOLA,
     )
     return _made(site, workspace, given.name, options)

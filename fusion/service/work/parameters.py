@@ -112,7 +112,10 @@ EXAMPLES: Mapping[JobKind, Mapping[str, Any]] = {
     JobKind.PHOTOMETRY_FIT: {"function": ["minnaert", "hapke-rough B0=1 h=0.06"]},
     JobKind.SPC_TILE: {"gsd": 0.35, "within": "56,43,20", "name": "tiled-1"},
     JobKind.SPC_REGISTER: {"position_sigma": 100.0, "name": "registered-1"},
-    JobKind.SPC_LITHOS: {"only": ["TR0001"], "constraint": ["shape", "lidar"], "name": "lithos-1"},
+    JobKind.SPC_LITHOS: {
+        "only": ["TR0001"], "constraint": ["shape", "lidar"], "map": ["m4p1"], "map_sigma": 0.5,
+        "name": "lithos-1",
+    },
     JobKind.FUSE_IMAGES: {"within": "56,43,20", "name": "spcola-1"},
     JobKind.SPC_ALBEDO: {"ground": "mapolas", "within": "56,43,20", "name": "albedo-1"},
     JobKind.SOLUTION_USE: {"name": "scaled-1"},

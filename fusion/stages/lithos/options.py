@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Literal, Self
 
 from fusion.pipeline import Subset, find_table
@@ -24,9 +25,15 @@ class ConstraintKind(StrEnum):
     SHAPE = "shape"
     """Of the solution's shape."""
     OVERLAPS = "overlaps"
-    """Of the maplets that overlap, as the parent solution has them."""
+    """Of the maplets that overlap, as the parent solution has them, of about the same GSD."""
+    COARSER = "coarser"
+    """Of coarser ones."""
     LIDAR = "lidar"
     """Of the registered mapolas."""
+    RETURNS = "returns"
+    """Of the registered returns, each at its own place."""
+    MAPS = "maps"
+    """Of maps and terrain models in files."""
 
 
 class Purpose(StrEnum):
@@ -54,6 +61,10 @@ class LithosOptions:
     constraints : tuple of ConstraintKind
     shape_sigma_m : float, optional
         One standard deviation of the shape's heights, metres; the GSD of a maplet if not given.
+    maps : tuple of Path
+        Files of `MAPS`.
+    map_sigma_m : float, optional
+        Sigma of their heights where a file states none, metres.
     max_images : int
         Most images of a maplet.
     photoclinometry : PhotoclinometryOptions
@@ -71,6 +82,8 @@ class LithosOptions:
     start: StartKind = "maplet"
     constraints: tuple[ConstraintKind, ...] = (ConstraintKind.SHAPE,)
     shape_sigma_m: float | None = None
+    maps: tuple[Path, ...] = ()
+    map_sigma_m: float | None = None
     max_images: int = 50
     photoclinometry: PhotoclinometryOptions = field(default_factory=PhotoclinometryOptions)
     accepted: tuple[str, ...] = ()
@@ -84,6 +97,8 @@ class LithosOptions:
         *,
         start: StartKind = "maplet",
         constraints: Sequence[str] | None = None,
+        maps: Sequence[Path] = (),
+        root: Path = Path(),
         purpose: Purpose = Purpose.LITHOS,
     ) -> Self:
         """Return the options of the settings, [lithos] above all.
@@ -95,6 +110,10 @@ class LithosOptions:
         start : {"maplet", "shape"}
         constraints : sequence of str, optional
             Kinds; those of the settings if not given.
+        maps : sequence of Path
+            In addition to those of the settings; they constrain without being asked for.
+        root : Path
+            To which paths in the settings are relative.
         purpose : Purpose
 
         Raises
@@ -104,12 +123,15 @@ class LithosOptions:
         """
         table = find_table(settings, LithosSettings)
         function = table.photometry or find_table(settings, RegisterSettings).photometry
-        asked = table.constraints if constraints is None else constraints
+        asked = {*(table.constraints if constraints is None else constraints)}
+        asked |= {ConstraintKind.MAPS} if maps else set()
         return cls(
             subset,
             start,
             tuple(kind for kind in ConstraintKind if kind in asked),
             table.shape_sigma_m or None,
+            (*(root / name for name in table.maps), *maps) if ConstraintKind.MAPS in asked else (),
+            table.map_sigma_m or None,
             table.max_images,
             PhotoclinometryOptions(
                 photometric_function(function),
@@ -117,6 +139,8 @@ class LithosOptions:
                 albedo_sigma=table.albedo_sigma,
                 convention=albedo_convention(table),
                 slope_sigma=table.slope_sigma,
+                constraint_fraction=table.constraint_fraction,
+                seed=table.seed,
                 rounds=table.rounds,
             ),
             tuple(settings.accept.codes),
@@ -127,6 +151,14 @@ class LithosOptions:
         sigma = self.shape_sigma_m
         if sigma is not None and not (math.isfinite(sigma) and sigma > 0.0):
             raise SettingsError(f"must be positive, not {sigma:g} m", "--shape-sigma")
+        if ConstraintKind.MAPS in self.constraints and not self.maps:
+            raise SettingsError("names no file", "[lithos] maps", "name some, or give --map FILE")
+        if {ConstraintKind.LIDAR, ConstraintKind.RETURNS} <= set(self.constraints):
+            raise SettingsError(
+                "lidar and returns are the same heights: mapolas are made of the returns",
+                "--constraint",
+                "choose one of them",
+            )
 
     def as_json(self) -> dict[str, Any]:
         """Return them in JSON types."""
@@ -136,12 +168,16 @@ class LithosOptions:
             "start": self.start,
             "constraints": [str(one) for one in self.constraints],
             "shape_sigma_m": self.shape_sigma_m,
+            "maps": [path.name for path in self.maps],
+            "map_sigma_m": self.map_sigma_m,
             "max_images": self.max_images,
             "photometry": own.function.text,
             "psf_px": own.psf_px,
             "albedo_sigma": own.albedo_sigma,
             **convention_json(own.convention),
             "slope_sigma": own.slope_sigma,
+            "constraint_fraction": own.constraint_fraction,
+            "seed": own.seed,
             "rounds": own.rounds,
         }
 

@@ -11,8 +11,11 @@ from fusion.estimation.verdict import Verdict
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
 from fusion.scene import Scene, maplets_around
+from fusion.scene.geolocation import return_paths
 from fusion.stages.lithos.digests import ImageDigests
+from fusion.stages.lithos.maps import ExternalMap, read_maps
 from fusion.stages.lithos.options import ConstraintKind, LithosOptions
+from fusion.stages.lithos.returns import RegisteredReturns
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from fusion.workspace.settings.processing import RegisterSettings
@@ -29,11 +32,13 @@ from spcola.photometry.photoclinometry import (
 from spcola.shape import RayCaster, shape_heights
 from spcola.shape.tiling import mesh_of_maplets
 
-# Points of a shape, and of a maplet, that share one error.
+# Points of a shape, and of a maplet, that share one error; of a coarser one, its own points.
 _COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
 # Maplets that reach to within so many radii of the centre of another may hide and shade its ground;
 # their facets there have a side of so many of its GSDs.
 _AROUND, _AROUND_STEP = 3.0, 2.0
+# A maplet whose GSD is larger by this factor is a coarser one.
+_COARSER = 1.5
 # Sigma of the heights of a maplet that states none, grid steps.
 _MAPLET_SIGMA = 0.5
 
@@ -50,6 +55,9 @@ class LithosSources:
         Of all maplets.
     scene : Scene, optional
         Registered mapolas; only where the lidar is asked for.
+    returns : RegisteredReturns, optional
+        Only where they are asked for.
+    maps : tuple of ExternalMap
     items : ItemStore
     options : LithosOptions
     digests : ImageDigests
@@ -59,6 +67,8 @@ class LithosSources:
     images: ImageScene
     grids: dict[str, MapletGrid]
     scene: Scene | None
+    returns: RegisteredReturns | None
+    maps: tuple[ExternalMap, ...]
     items: ItemStore
     options: LithosOptions
     digests: ImageDigests
@@ -74,6 +84,8 @@ class LithosSources:
             shape is asked for and there is none, or the lidar and it is not registered.
         RejectedResultError
             If the lidar is asked for, and its registration may not be used.
+        FormatError
+            If a map cannot be read, or states no sigma.
         """
         grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         if not grids:
@@ -92,9 +104,21 @@ class LithosSources:
             raise WorkspaceError(
                 "has no shape", workspace.root, "leave it out: --start maplet --constraint overlaps"
             )
-        lidar = ConstraintKind.LIDAR in options.constraints
-        scene = registered_scene(workspace, options.accepted) if lidar else None
-        return cls(workspace, images, grids, scene, items, options, ImageDigests(workspace))
+        asked = options.constraints
+        if {ConstraintKind.LIDAR, ConstraintKind.RETURNS} & set(asked):
+            check_registration(workspace, options.accepted)
+        lidar, returns = ConstraintKind.LIDAR in asked, ConstraintKind.RETURNS in asked
+        return cls(
+            workspace,
+            images,
+            grids,
+            Scene.of(workspace, light="none") if lidar else None,
+            RegisteredReturns.of(workspace) if returns else None,
+            read_maps(options.maps, options.map_sigma_m),
+            items,
+            options,
+            ImageDigests(workspace),
+        )
 
     @property
     def centers(self) -> dict[str, FloatArray]:
@@ -116,9 +140,15 @@ class LithosSources:
         """
         shown = {image.name for name in names for image in self.images.showing(self.grids[name])}
         found = self.digests.files(one for one in self.images.images if one.name in shown)
-        if self.scene is not None:
+        if self.scene is not None or self.returns is not None:
             path = self.workspace.registration_path
             found[path.name] = file_digest(path)
+        if self.returns is not None:
+            paths = return_paths(self.workspace, self.workspace.settings())
+            if self.returns.source.adjustment is not None:
+                paths.append(self.workspace.adjustment_path)
+            found |= {self.workspace.relative(one): file_digest(one) for one in paths}
+        found |= {self.workspace.relative(one.path): file_digest(one.path) for one in self.maps}
         return found
 
     def solve(self, name: str) -> Photoclinometry:
@@ -213,15 +243,19 @@ class LithosSources:
             sigma = self.options.shape_sigma_m or grid.gsd
             heights = self._shape_heights(grid)
             found.append(HeightConstraint.of_sigma("shape", heights, sigma, common=_COMMON_SHAPE))
-        if ConstraintKind.OVERLAPS in kinds:
+        if {ConstraintKind.OVERLAPS, ConstraintKind.COARSER} & set(kinds):
             found += [
                 _overlap(other, grid)
                 for other in maplets_around(self.workspace, self.grids, grid)
-                if other.name != start.name
+                if other.name != start.name and _kind_of(other.grid, grid) in kinds
             ]
         if self.scene is not None:
             lidar = self.scene.lidar(start.name, grid)
             found.append(HeightConstraint.of_sigma("lidar", lidar.height, lidar.sigma))
+        if self.returns is not None:
+            sigma = self.options.photoclinometry.slope_sigma
+            found.append(self.returns.constraint(start, sigma))
+        found += [one for one in (map_.constraint(start) for map_ in self.maps) if one is not None]
         return tuple(found)
 
 
@@ -230,8 +264,20 @@ def registered_scene(workspace: Workspace, accepted: tuple[str, ...]) -> Scene:
 
     Raises
     ------
+    WorkspaceError, RejectedResultError
+        As :func:`check_registration`.
+    """
+    check_registration(workspace, accepted)
+    return Scene.of(workspace, light="none")
+
+
+def check_registration(workspace: Workspace, accepted: tuple[str, ...]) -> None:
+    """Refuse a registration that the fusion would refuse.
+
+    Raises
+    ------
     WorkspaceError
-        If they are not registered.
+        If there is none.
     RejectedResultError
         If the registration may not be used; `accepted` are codes of findings that may.
     """
@@ -243,11 +289,17 @@ def registered_scene(workspace: Workspace, accepted: tuple[str, ...]) -> Scene:
     verdict = Verdict.from_json(workspace.read_json(path.name))
     if obstacle := verdict.obstacle(accepted):
         raise RejectedResultError(f"the registration is {obstacle}", path)
-    return Scene.of(workspace, light="none")
+
+
+def _kind_of(other: MapletGrid, grid: MapletGrid) -> ConstraintKind:
+    """Return as what a maplet of another grid constrains."""
+    coarser = other.gsd > _COARSER * grid.gsd
+    return ConstraintKind.COARSER if coarser else ConstraintKind.OVERLAPS
 
 
 def _overlap(other: Maplet, grid: MapletGrid) -> HeightConstraint:
     """Return the heights of an overlapping maplet on a grid [24 – 27]."""
     there = project_maplet(other, grid)
     sigma = np.where(np.isfinite(there.sigma), there.sigma, _MAPLET_SIGMA * other.grid.gsd)
-    return HeightConstraint.of_sigma(other.name, there.height, sigma, common=_COMMON_MAPLET)
+    common = _COMMON_MAPLET * max(1.0, other.grid.gsd / grid.gsd) ** 2
+    return HeightConstraint.of_sigma(other.name, there.height, sigma, common=common)

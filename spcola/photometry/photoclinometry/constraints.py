@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
-from spcola.arrays import FloatArray, check_shape, frozen
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
+from spcola.photometry.photoclinometry.point_heights import CellHeights, PointHeights
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +25,9 @@ class HeightConstraint:
         Metres along Uz; NaN where there is none.
     weight : (R, C) ndarray
         1/σ², 1/m²; of heights with common errors, σ² times the number of points that share one.
+    points : PointHeights, optional
+        Heights between those of the grid, which constrain in their place: `height` and `weight`
+        are then what is known of their surroundings.
 
     Raises
     ------
@@ -33,6 +38,7 @@ class HeightConstraint:
     name: str
     height: FloatArray
     weight: FloatArray
+    points: PointHeights | None = None
 
     def __post_init__(self) -> None:
         height = frozen(self.height, (None, None), f"heights of {self.name}")
@@ -63,21 +69,96 @@ class HeightConstraint:
         known = np.isfinite(height) & np.isfinite(weight)
         return cls(name, np.where(known, height, np.nan), np.where(known, weight, 0.0))
 
+    @classmethod
+    def of_points(
+        cls,
+        name: str,
+        grid: MapletGrid,
+        places: FloatArray,
+        sigma: FloatArray,
+        group: IntArray,
+        covariance: FloatArray,
+    ) -> HeightConstraint:
+        """Return heights of N points between those of a grid, in G groups with common errors.
+
+        Parameters
+        ----------
+        name : str
+        grid : MapletGrid
+        places : (N, 3) ndarray
+            x and y from the centre of the grid along Ux and Uy, and height along Uz, metres.
+        sigma : (N,) ndarray
+            Of each point alone, metres.
+        group : (N,) integer ndarray
+        covariance : (G, G) ndarray
+            Of the errors that groups share, m².
+
+        Raises
+        ------
+        InvalidValueError
+            If lengths differ, a place is not finite, a sigma not positive, a group is not there, or
+            the covariance is not positive definite.
+        """
+        points = PointHeights(places, sigma, group, covariance)
+        x, y = np.rint(points.places[:, :2].T / grid.gsd).astype(np.int64) + grid.half_size
+        inside = (x >= 0) & (x < grid.size) & (y >= 0) & (y < grid.size)
+        place, weight = (y * grid.size + x)[inside], points.sigma[inside] ** -2.0
+        total = np.bincount(place, weight, grid.size**2).astype(np.float64)
+        pull = np.bincount(place, weight * points.places[inside, 2], grid.size**2)
+        mean = np.divide(pull, total, out=np.full(grid.size**2, np.nan), where=total > 0)
+        return cls(name, mean.reshape(grid.shape), total.reshape(grid.shape), points)
+
+    def subset(self, fraction: float, generator: np.random.Generator) -> HeightConstraint:
+        """Return a random share of the heights, each with its whole weight.
+
+        Parameters
+        ----------
+        fraction : float
+            0 … 1.
+        generator : numpy Generator
+        """
+        kept = generator.random(self.weight.shape) < fraction
+        chosen = replace(self, weight=np.where(kept, self.weight, 0.0))
+        if self.points is None:
+            return chosen
+        return replace(
+            chosen, points=self.points.subset(generator.random(len(self.points)) < fraction)
+        )
+
 
 def gathered(
     constraints: tuple[HeightConstraint, ...], grid: MapletGrid, level: MapletGrid
-) -> tuple[FloatArray, FloatArray]:
-    """Return weighted mean heights (R', C') and the sums of weights at the points of a level.
+) -> tuple[FloatArray, FloatArray, CellHeights]:
+    """Return weighted mean heights (R', C'), sums of weights at the points of a level, and points.
 
     Each point of `grid` counts at the nearest point of the coarser `level`. Where there is no
-    height, the mean is 0, with weight 0.
+    height, the mean is 0, with weight 0. Single points are in the cells of the level, not in these.
     """
     index = np.rint(grid.offsets * grid.gsd / level.gsd).astype(np.int64) + level.half_size
     place = (index[:, None] * level.size + index[None, :]).ravel()
     weight, pull = np.zeros((2, level.size**2))
     for one in constraints:
         check_shape(one.height, grid.shape, f"heights of {one.name}")
+        if one.points is not None:
+            continue
         weight += np.bincount(place, one.weight.ravel(), level.size**2)
         pull += np.bincount(place, (one.weight * np.nan_to_num(one.height)).ravel(), level.size**2)
     mean = np.divide(pull, weight, out=np.zeros_like(pull), where=weight > 0)
-    return mean.reshape(level.shape), weight.reshape(level.shape)
+    points = CellHeights.of([one.points for one in constraints if one.points is not None], level)
+    return mean.reshape(level.shape), weight.reshape(level.shape), points
+
+
+def constrained_points(
+    constraints: tuple[HeightConstraint, ...], grid: MapletGrid, slope_sigma: float
+) -> BoolArray:
+    """Return the points (R, C) whose heights constraints determine to better than a GSD.
+
+    Slopes are known about those of the start by `slope_sigma`, so that within 1 / slope_sigma²
+    cells of a height of such a sigma, errors of slopes that are independent add up to no more.
+    """
+    weight = np.sum([np.zeros(grid.shape), *(one.weight for one in constraints)], axis=0)
+    known = weight >= grid.gsd**-2
+    if not known.any():
+        return known
+    near: BoolArray = ndimage.distance_transform_edt(~known) <= slope_sigma**-2
+    return near

@@ -57,6 +57,11 @@ class PhotoclinometryOptions:
     error_factor : float
         Factor on the formal sigmas of heights: on synthetic bodies errors are as much larger, since
         relief that the grid does not resolve is common to all images.
+    constraint_fraction : float
+        Share of the constraining heights that count in a round, drawn anew each round (Gaskell et
+        al., §4); 1 is all of them. In sigmas all count.
+    seed : int
+        Of these draws.
     settled_gsd, settled_albedo : float
         Root mean squares of the changes of a round in heights, GSDs, and albedo at which a level is
         converged.
@@ -82,6 +87,8 @@ class PhotoclinometryOptions:
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
     error_factor: float = 1.5
+    constraint_fraction: float = 1.0
+    seed: int = 1
     settled_gsd: float = 0.01
     settled_albedo: float = 0.003
 
@@ -100,6 +107,10 @@ class PhotoclinometryOptions:
             )
         if not 0.0 <= self.psf_px < np.inf:
             raise SettingsError(f"must not be negative, not {self.psf_px}", "psf_px")
+        if not 0.0 < self.constraint_fraction <= 1.0:
+            raise SettingsError(
+                f"must be above 0, 1 at most, not {self.constraint_fraction}", "constraint_fraction"
+            )
         if self.rounds < 1:
             raise SettingsError(f"must be at least 1, not {self.rounds}", "rounds")
         falling = all(a > b for a, b in zip(self.levels, self.levels[1:], strict=False))

@@ -16,7 +16,11 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.grids.gaps import filled
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
-from spcola.photometry.photoclinometry.constraints import HeightConstraint, gathered
+from spcola.photometry.photoclinometry.constraints import (
+    HeightConstraint,
+    constrained_points,
+    gathered,
+)
 from spcola.photometry.photoclinometry.image_equations import ImageState, Sums, add_image
 from spcola.photometry.photoclinometry.image_window import (
     ImageWindow,
@@ -164,10 +168,10 @@ class _Work:
 
     @cached_property
     def precise(self) -> BoolArray:
-        """Cells (R − 1, C − 1) next to constraining heights of a sigma below the GSD."""
+        """Cells (R − 1, C − 1) whose heights constraints determine to better than the GSD."""
         grid = self.start.grid
-        weight = gathered(self.constraints, grid, grid)[1]
-        return at_cells((weight >= grid.gsd**-2).astype(np.float64)) > 0.0
+        points = constrained_points(self.constraints, grid, self.options.slope_sigma)
+        return at_cells(points.astype(np.float64)) > 0.0
 
     def fits(self) -> tuple[ImageFit, ...]:
         """Return how each image fits the surface."""
@@ -227,10 +231,20 @@ class _Work:
         before = nuisance_values(self.states)
         return reduce_albedo(sums, surface, before, self.known, options.albedo_sigma)
 
+    def round_priors(self) -> Priors:
+        """Return what counts in the next round: a random share of the heights, or all."""
+        assert self.priors is not None
+        fraction = self.options.constraint_fraction
+        if fraction == 1.0:
+            return self.priors
+        generator = np.random.default_rng([self.options.seed, len(self.rounds)])
+        some = tuple(one.subset(fraction, generator) for one in self.constraints)
+        heights = gathered(some, self.start.grid, self.surface.grid)
+        return Priors(self.priors.slopes, *heights)
+
     def round(self) -> bool:
         """Do one round; return whether heights and albedo have settled."""
-        surface, options, priors = self.surface, self.options, self.priors
-        assert priors is not None
+        surface, options, priors = self.surface, self.options, self.round_priors()
         reduced = self.reduced()
         most = _MOST_RISE * surface.gsd
         equations = height_equations(reduced, surface, priors, options, most_m=most)
@@ -269,7 +283,7 @@ def _result(work: _Work) -> Photoclinometry:
     outcome, reason = outcome_of(work.before, fits, work.rounds, determined, work.options)
     if outcome is Outcome.DIVERGED:
         return replace(_kept(work, fits, outcome), reason=reason)
-    known = work.start.valid | (work.priors.weight > 0.0)
+    known = np.any([work.start.valid, *(one.weight > 0.0 for one in work.constraints)], axis=0)
     touched = at_cells(np.pad(directions.astype(np.float64), 1)) > 0.0
     known |= touched
     trusted = reduced.of_cells(directions == 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled
@@ -19,6 +20,7 @@ from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS
 from spcola.photometry.photoclinometry.cell_surface import CellInformation, CellSurface
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
+from spcola.photometry.photoclinometry.point_heights import CellHeights
 from spcola.photometry.photoclinometry.surface import Surface, cell_slopes
 
 # Where the six products of (∂h/∂x, ∂h/∂y, h) lie in the upper triangle with the albedo, and where
@@ -139,11 +141,55 @@ class Priors:
         Of the start surface.
     height, weight : (R, C) ndarrays
         Constraining heights, metres, and their weights, 1/m².
+    points : CellHeights
+        Constraining heights of points between those of the grid.
     """
 
     slopes: FloatArray
     height: FloatArray
     weight: FloatArray
+    points: CellHeights
+
+
+class HeightEquations(CellSurface):
+    """Equations whose nuisance parameters are followed by errors that constraining heights share.
+
+    Parameters
+    ----------
+    cells : CellInformation
+        Of images and priors.
+    points : CellHeights
+        Their shared errors are eliminated, and are not in the solution: each round finds them anew.
+    surface : Surface
+        About which heights are solved.
+    weight, right, twist : ndarrays
+        As of :class:`CellSurface`.
+    """
+
+    def __init__(
+        self,
+        cells: CellInformation,
+        points: CellHeights,
+        surface: Surface,
+        weight: FloatArray,
+        right: FloatArray,
+        twist: FloatArray,
+    ) -> None:
+        self._own = len(cells.nuisance)
+        by_points, shared = points.about(surface)
+        with_points = CellInformation(
+            cells.normal + points.normal,
+            cells.right + by_points,
+            np.concatenate([cells.coupled, points.coupled]) if len(shared) else cells.coupled,
+            block_diag(cells.nuisance, points.shared) if len(shared) else cells.nuisance,
+            np.concatenate([cells.nuisance_right, shared]),
+        )
+        super().__init__(with_points, surface.gsd, weight, right, twist)
+
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Return heights (R, C), metres, and nuisance parameters (P,), those of points left out."""
+        heights, nuisance = super().solve()
+        return heights, nuisance[: self._own]
 
 
 def height_equations(
@@ -153,7 +199,7 @@ def height_equations(
     options: PhotoclinometryOptions,
     *,
     most_m: float = np.inf,
-) -> CellSurface:
+) -> HeightEquations:
     """Return the normal equations of the changes of heights [22, 23].
 
     `most_m` is the standard deviation of the change of the mean height, metres: flat ground without
@@ -168,9 +214,10 @@ def height_equations(
     twist = np.full(surface.albedo.shape, (options.twist_sigma * gsd) ** -2)
     pull = priors.weight * (priors.height - height)
     _add_twist(pull, -twist * _twist(height))
-    return CellSurface(
+    return HeightEquations(
         CellInformation(normal, right, cells.coupled, cells.nuisance, cells.nuisance_right),
-        gsd,
+        priors.points,
+        surface,
         priors.weight + most_m**-2 / height.size,
         pull,
         twist,

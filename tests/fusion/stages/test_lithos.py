@@ -170,7 +170,7 @@ def test_with_the_lidar_in_every_round_slopes_are_better_than_with_images_alone(
     before = digests(root)
     content = called("fuse", root, "--from", "images", *only(*SOME[:2]))
     assert content["solution"] == "spcola-1"
-    assert content["options"]["constraints"] == ["shape", "overlaps", "lidar"]
+    assert content["options"]["constraints"] == ["shape", "overlaps", "coarser", "lidar"]
     assert content["options"]["start"] == "maplet"
     for name in SOME[:2]:
         assert slope_error(mission, "spcola-1", name) < 0.9 * slope_error(mission, "images", name)

@@ -92,15 +92,31 @@ class FuseSettings(Table):
 class LithosSettings(Table):
     """[lithos]: slopes, albedo and heights of maplets from the brightness of their images."""
 
-    constraints: list[Literal["shape", "overlaps", "lidar"]] = Field(
+    constraints: list[Literal["shape", "overlaps", "coarser", "lidar", "returns", "maps"]] = Field(
         default=["shape"],
         max_length=20,
-        description="heights that constrain the integration: the shape, overlapping maplets, "
-        "registered mapolas",
+        description="heights that constrain the integration: the shape, overlapping maplets of "
+        "about the same GSD, coarser ones, registered mapolas (lidar) or the registered returns "
+        "themselves, maps",
     )
     shape_sigma_m: SigmaOrNone = Field(
         default=0.0, description="sigma of the shape's heights; 0: the GSD of a maplet"
     )
+    maps: list[Text] = Field(
+        default=[],
+        max_length=1000,
+        description="maps and terrain models that constrain: GeoTIFF, .MAP, FITS of a release; "
+        "paths relative to the workspace",
+    )
+    map_sigma_m: SigmaOrNone = Field(
+        default=0.0, description="sigma of their heights where a file states none; 0: refused"
+    )
+    constraint_fraction: Annotated[float, Span(1e-6, 1.0)] = Field(
+        default=1.0,
+        description="share of the constraining heights that counts in a round, drawn anew each "
+        "round; 1: all, by their sigmas",
+    )
+    seed: Seed = Field(default=1, description="of the random subset")
     max_images: Annotated[int, Span(2, 10_000)] = Field(
         default=50, description="most images of a maplet"
     )

@@ -318,7 +318,8 @@ def test_input_without_heights_or_pixels_is_refused(painted, photographs):
 @pytest.mark.parametrize(
     ("name", "value"),
     [("levels", (4, 2)), ("levels", (1, 2, 1)), ("rounds", 0), ("psf_px", -1.0),
-     ("slope_sigma", 0.0), ("loss_scale", float("nan"))],
+     ("slope_sigma", 0.0), ("loss_scale", float("nan")), ("constraint_fraction", 0.0),
+     ("constraint_fraction", 1.5)],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(name, value):
     with pytest.raises(SettingsError):

@@ -1,0 +1,325 @@
+"""Constraining heights of ``spcola spc lithos``, through the command line on a small mission."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+from affine import Affine
+from command_line import call, called, refused
+
+from fusion.registration.results import given_registration
+from fusion.stages.lithos.returns import RegisteredReturns, noise_of_pairs, supported
+from fusion.workspace import Workspace
+from fusion.workspace.solution_records import read_solution
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
+from spcola.truth.body import TruthBody
+
+NAME = "TR0009"
+GRID = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 20)
+
+
+@pytest.fixture(scope="module")
+def mission(imaged_mission, tmp_path_factory):
+    """A copy of its own, and the settings."""
+    root = tmp_path_factory.mktemp("constraints") / "WS"
+    shutil.copytree(imaged_mission[0], root, symlinks=True)
+    shutil.rmtree(root / "solutions", ignore_errors=True)
+    return root, imaged_mission[1]
+
+
+def solved(root, *constraints, name, only=NAME):
+    """What the command printed."""
+    kinds = [part for kind in constraints for part in ("--constraint", kind)]
+    return called("spc", "lithos", root, "--only", only, "--start", "shape", *kinds, "--as", name)
+
+
+def height_error(mission, solution, name=NAME):
+    """Errors of a maplet's heights against the truth, metres."""
+    root, settings = mission
+    maplet = Workspace.open(root, solution).maplet(name)
+    grid, back = maplet.grid, settings.to_spc.inverse()
+    there = MapletGrid(
+        back.apply(grid.center), back.turn(grid.axes), grid.gsd * back.scale, grid.half_size
+    )
+    truth = TruthBody(settings.body).heights_near(there, maplet.height) / back.scale
+    return maplet.height - truth
+
+
+@pytest.fixture(scope="module")
+def with_returns(mission):
+    return solved(mission[0], "shape", "returns", name="returns")
+
+
+def test_returns_make_heights_and_their_sigmas_better(mission, with_returns):
+    alone = solved(mission[0], "shape", name="alone")
+    assert with_returns["options"]["constraints"] == ["shape", "returns"]
+    one, other = (content["maplets"][NAME] for content in (with_returns, alone))
+    assert one["sigma_m"] < other["sigma_m"]
+    found, without = height_error(mission, "returns"), height_error(mission, "alone")
+    assert np.std(found) < 0.6 * np.std(without)
+    sigma = Workspace.open(mission[0], "returns").maplet(NAME).sigma
+    assert np.sqrt(np.mean((found / sigma) ** 2)) < 1.5
+
+
+def test_they_lie_where_their_registration_puts_them(mission):
+    """Each at the height of the truth at its place, up to noise and relief within a cell."""
+    root, settings = mission
+    workspace = Workspace.open(root)
+    returns = RegisteredReturns.of(workspace)
+    start = workspace.maplet(NAME)
+    points = returns.constraint(start, 0.3).points
+    grid, back = start.grid, settings.to_spc.inverse()
+    places = grid.center + points.places @ grid.axes
+    radius = np.linalg.norm(back.apply(places), axis=1)
+    true = TruthBody(settings.body).radius(back.apply(places) / radius[:, None])
+    assert np.median(np.abs(radius - true)) < 0.1
+    assert len(points) > 500
+    # A lone return is not exact, and what scans have in common is no larger than a few centimetres.
+    common = np.sqrt(points.covariance.mean())
+    assert 0.003 < common < 0.2
+    assert (np.sqrt(np.diag(points.covariance)) >= 0.99 * common).all()
+
+
+def test_scans_that_the_registration_displaces_are_displaced(mission):
+    workspace = Workspace.open(mission[0])
+    returns, start = RegisteredReturns.of(workspace), workspace.maplet(NAME)
+    content = workspace.read_json("registration.json")
+    raised = 0.3 * start.grid.uz
+    for entry in content["per_scan"]:
+        entry["offset_m"] = (np.array(entry["offset_m"]) + raised).tolist()
+    moved = replace(returns, registration=given_registration(content, "test"))
+    found = [one.constraint(start, 0.3).height[10:30, 10:30] for one in (returns, moved)]
+    before, after = (np.nanmedian(height) for height in found)
+    assert after - before == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_second_run_writes_the_same_bytes_and_changed_returns_are_noticed(mission, with_returns):
+    root = mission[0]
+    again = solved(root, "returns", "shape", name="again")
+    assert again["maplets"] == with_returns["maplets"]
+    folder = root / "solutions"
+    for solution in ("again", "returns"):
+        path = folder / solution / "MAPFILES" / f"{NAME}.MAP"
+        assert path.read_bytes() == (folder / "returns" / "MAPFILES" / f"{NAME}.MAP").read_bytes()
+    record = read_solution(root, "returns")
+    scans = Workspace.open(root).scan_paths()
+    for path in scans:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        assert record.digests[f"scans/{path.name}"] == digest
+    assert "registration.json" in record.digests
+
+
+def test_the_solution_of_images_and_lidar_may_use_returns(mission):
+    root = mission[0]
+    text = (root / "spcola.toml").read_text()
+    try:
+        changed = text.replace('constraints = ["shape"]', 'constraints = ["shape", "returns"]')
+        (root / "spcola.toml").write_text(changed)
+        content = called("fuse", root, "--from", "images", "--only", NAME, "--as", "both")
+    finally:
+        (root / "spcola.toml").write_text(text)
+    assert content["options"]["constraints"] == ["shape", "overlaps", "coarser", "returns"]
+
+
+def test_mapolas_and_their_returns_at_once_are_refused(mission):
+    line = refused("spc", "lithos", mission[0], "--constraint", "lidar", "--constraint", "returns")
+    assert "are the same heights" in line
+
+
+def test_returns_that_are_not_registered_are_refused(mission, tmp_path):
+    call("init", tmp_path / "WS", "--spc", mission[0])
+    assert "spcola register" in refused("spc", "lithos", tmp_path / "WS", "--constraint", "returns")
+
+
+@pytest.fixture(scope="module")
+def true_map(mission, tmp_path_factory):
+    """The truth around the maplet at twice its GSD, as .MAP with .SIG."""
+    root, settings = mission
+    own = Workspace.open(root).maplet(NAME).grid
+    grid, back = own.with_gsd(2.0 * own.gsd), settings.to_spc.inverse()
+    there = MapletGrid(
+        back.apply(grid.center), back.turn(grid.axes), grid.gsd * back.scale, grid.half_size
+    )
+    height = TruthBody(settings.body).heights_near(there, np.zeros(grid.shape)) / back.scale
+    path = tmp_path_factory.mktemp("maps") / "TRUE.MAP"
+    sigma = np.full(grid.shape, 0.02)
+    write_maplet(path, Maplet("TRUE", grid, height, sigma=sigma), sigma_companion=True)
+    return path
+
+
+@pytest.fixture(scope="module")
+def true_raster(mission, tmp_path_factory):
+    """The true heights above a sphere, in longitude and latitude of the solution."""
+    root, settings = mission
+    center = Workspace.open(root).maplet(NAME).grid.center
+    radius, step = float(np.linalg.norm(center)), 0.5
+    longitude = np.degrees(np.arctan2(center[1], center[0]))
+    latitude = np.degrees(np.arcsin(center[2] / radius))
+    transform = Affine(step, 0.0, longitude - 30.0, 0.0, -step, latitude + 15.0)
+    rows, columns = np.mgrid[:60, :120] + 0.5
+    east, north = np.radians(transform @ (columns, rows))
+    up = np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)], -1)
+    away, back = np.full(east.shape, radius), settings.to_spc.inverse()
+    for _ in range(6):
+        there = back.apply((away[..., None] * up).reshape(-1, 3))
+        found = np.linalg.norm(there, axis=1)
+        true = TruthBody(settings.body).radius(there / found[:, None])
+        away = away + (true - found).reshape(away.shape) / back.scale
+    path = tmp_path_factory.mktemp("maps") / "dtm.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=120, height=60, count=1, dtype="float32",
+        crs=f"+proj=longlat +R={radius!r} +no_defs", transform=transform, nodata=-9999.0,
+    ) as raster:  # fmt: skip
+        raster.write((away - radius).astype(np.float32), 1)
+    return path
+
+
+def with_map(root, path, name, *more):
+    given = ("--start", "shape", "--constraint", "none", "--map", path, *more)
+    return called("spc", "lithos", root, "--only", NAME, *given, "--as", name)
+
+
+def test_maps_set_the_heights(mission, true_map, true_raster):
+    root = mission[0]
+    before = np.sqrt(np.mean(height_error(mission, "") ** 2))
+    for path, more in ((true_map, ()), (true_raster, ("--map-sigma", "0.1"))):
+        name = path.stem.lower()
+        content = with_map(root, path, name, *more)
+        assert content["options"]["constraints"] == ["maps"]
+        assert content["options"]["maps"] == [path.name]
+        error = height_error(mission, name)
+        assert np.sqrt(np.mean(error**2)) < 0.85 * before
+        assert abs(np.mean(error)) < 0.03
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        assert read_solution(root, name).digests[str(path)] == digest
+
+
+def test_a_map_that_changed_is_solved_again_and_one_that_did_not_is_found(mission, true_map):
+    root = mission[0]
+    items = root / ".items" / "lithos"
+    with_map(root, true_map, "first")
+    count = len(list(items.iterdir()))
+    first = with_map(root, true_map, "second")
+    assert len(list(items.iterdir())) == count
+    moved = true_map.with_name("OTHER.MAP")
+    shutil.copy(true_map, moved)
+    again = with_map(root, moved, "third", "--map-sigma", "0.3")
+    assert again["maplets"][NAME]["sigma_m"] > first["maplets"][NAME]["sigma_m"]
+    assert len(list(items.iterdir())) == count + 1
+
+
+def test_maps_of_the_settings_constrain_where_they_are_asked_for(mission, true_map):
+    root = mission[0]
+    shutil.copy(true_map, root / "TRUE.MAP")
+    shutil.copy(true_map.with_suffix(".SIG"), root / "TRUE.SIG")
+    text = (root / "spcola.toml").read_text()
+    given = ("spc", "lithos", root, "--only", NAME, "--rounds", "1")
+    try:
+        (root / "spcola.toml").write_text(text.replace("maps = []", 'maps = ["TRUE.MAP"]'))
+        assert called(*given)["options"]["maps"] == []
+        content = called(*given, "--constraint", "maps", "--constraint", "shape")
+    finally:
+        (root / "spcola.toml").write_text(text)
+    assert content["options"]["constraints"] == ["shape", "maps"]
+    assert content["options"]["maps"] == ["TRUE.MAP"]
+    assert "names no file" in refused(*given, "--constraint", "maps")
+
+
+def test_a_map_of_other_ground_changes_nothing(mission, true_map):
+    root = mission[0]
+    other = max(
+        Workspace.open(root).maplet_names(),
+        key=lambda name: np.linalg.norm(
+            Workspace.open(root).maplet(name).grid.center
+            - Workspace.open(root).maplet(NAME).grid.center
+        ),
+    )
+    given = ("spc", "lithos", root, "--only", other, "--rounds", "1", "--constraint", "shape")
+    assert called(*given)["maplets"] == called(*given, "--map", true_map)["maplets"]
+
+
+def test_bad_maps_are_refused_in_one_line(mission, true_map, true_raster, tmp_path):
+    (tmp_path / "text.txt").write_text("no map\n")
+    (tmp_path / "CUT.MAP").write_bytes(true_map.read_bytes()[:50])
+    shutil.copy(true_map, tmp_path / "BARE.MAP")
+    for path, words in (
+        (tmp_path / "text.txt", "is no map"),
+        (tmp_path / "CUT.MAP", "is truncated"),
+        (tmp_path / "BARE.MAP", "states no sigma of its heights"),
+        (true_raster, "--map-sigma METRES"),
+        (tmp_path / "none.tif", "cannot be read"),
+        (tmp_path, "cannot be read"),
+    ):
+        assert words in refused("spc", "lithos", mission[0], "--map", path)
+
+
+def test_coarser_maplets_and_those_of_the_same_gsd_are_two_kinds(mission, true_map, tmp_path):
+    root = tmp_path / "WS"
+    shutil.copytree(mission[0], root, symlinks=True)
+    shutil.rmtree(root / "solutions", ignore_errors=True)
+    for suffix in (".MAP", ".SIG"):
+        shutil.copy(true_map.with_suffix(suffix), root / "MAPFILES" / f"CO0001{suffix}")
+    listed = (root / "MAPLIST.TXT").read_text()
+    (root / "MAPLIST.TXT").unlink()
+    (root / "MAPLIST.TXT").write_text("CO0001\n" + listed)
+
+    def error(kind):
+        given = ("--start", "shape", "--constraint", kind)
+        called("spc", "lithos", root, "--only", NAME, *given, "--as", kind)
+        return np.sqrt(np.mean(height_error((root, mission[1]), kind) ** 2))
+
+    with_coarser, with_overlaps = error("coarser"), error("overlaps")
+    assert with_coarser < 0.7 * with_overlaps
+    # Its sigma is 0.02 m; that of the others is half a grid step.
+    (root / "MAPLIST.TXT").write_text(listed)
+    given = ("--start", "shape", "--constraint", "overlaps", "--as", "without")
+    called("spc", "lithos", root, "--only", NAME, *given)
+    maplets = [root / "solutions" / s / "MAPFILES" / f"{NAME}.MAP" for s in ("overlaps", "without")]
+    assert maplets[0].read_bytes() == maplets[1].read_bytes()
+
+
+def test_a_random_subset_of_heights_is_the_same_each_time(mission, with_returns):
+    root = mission[0]
+    given = ("spc", "lithos", root, "--only", NAME, "--start", "shape", "--constraint", "shape")
+    some = ("--constraint", "returns", "--constraint-fraction", "0.2")
+    first = called(*given, *some, "--as", "some")
+    for path in (root / ".items" / "lithos").iterdir():
+        path.unlink()
+    again = called(*given, *some, "--as", "same")
+    assert first["options"]["constraint_fraction"] == 0.2
+    assert first["maplets"] == again["maplets"] != with_returns["maplets"]
+    # Another share of the heights in each round: they do not settle, and err more.
+    assert first["maplets"][NAME]["outcome"] == "not-converged"
+    whole, subset = (np.std(height_error(mission, name)) for name in ("returns", "some"))
+    assert whole < subset < 3.0 * whole
+    assert "constraint-fraction" in call(*given, "--constraint-fraction", "0", code=2).stderr
+
+
+def test_false_returns_have_no_support():
+    rng = np.random.default_rng(4)
+    places = np.column_stack([rng.uniform(-10, 10, (2000, 2)), rng.normal(0.0, 0.03, 2000)])
+    # Ground that the start lacks, two metres wide and one high.
+    hill = np.exp(-0.5 * np.sum(places[:, :2] ** 2, axis=1))
+    false = rng.random(2000) < 0.01
+    apart = places[:, 2] + hill + np.where(false, rng.uniform(-30, 30, 2000), 0.0)
+    kept = supported(places, np.full(2000, 0.03), apart, 0.3, GRID)
+    assert kept[~false].all()
+    assert kept[false].mean() < 0.15
+    twice = np.concatenate([places, places])
+    assert supported(twice, np.full(4000, 0.03), twice[:, 2], 0.3, GRID).all()
+    assert not supported(places[:2], np.full(2, 0.03), apart[:2], 0.3, GRID).any()
+
+
+def test_noise_is_found_from_close_pairs():
+    rng = np.random.default_rng(4)
+    places = np.column_stack([rng.uniform(-5, 5, (3000, 2)), np.zeros(3000)])
+    apart = 0.2 * places[:, 0] + rng.normal(0.0, 0.03, 3000)
+    assert noise_of_pairs(places, apart, 0.1) == pytest.approx(0.03, rel=0.1)
+    assert noise_of_pairs(places[:30], apart[:30], 0.1) == 0.1
+    assert noise_of_pairs(places, 0.0 * apart, 0.1) == 1e-4

@@ -1,0 +1,230 @@
+"""Heights of single points as constraints, against dense least squares."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spcola.errors import InvalidValueError
+from spcola.grids import Maplet, MapletGrid
+from spcola.photometry.functions import lambert
+from spcola.photometry.photoclinometry import (
+    HeightConstraint,
+    PhotoclinometryOptions,
+    solve_photoclinometry,
+)
+from spcola.photometry.photoclinometry.cell_surface import CellInformation
+from spcola.photometry.photoclinometry.constraints import constrained_points, gathered
+from spcola.photometry.photoclinometry.point_heights import CellHeights, PointHeights
+from spcola.photometry.photoclinometry.surface import Surface
+from spcola.photometry.photoclinometry.surface_equations import HeightEquations
+
+GRID = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 3)
+SLOPE_WEIGHT, TWIST_WEIGHT, POINT_WEIGHT = 4.0, 9.0, 0.3
+
+
+def points_of(count, groups=2, *, sigma=0.05, covariance=None, seed=1):
+    rng = np.random.default_rng(seed)
+    reach = 0.999 * GRID.half_size * GRID.gsd
+    places = np.column_stack([rng.uniform(-reach, reach, (count, 2)), rng.normal(0.0, 0.3, count)])
+    shared = 0.01 * (np.eye(groups) + 0.5) if covariance is None else covariance
+    return PointHeights(places, np.full(count, sigma), np.arange(count) % groups, shared)
+
+
+def constraint_of(name, grid, points):
+    return HeightConstraint.of_points(
+        name, grid, points.places, points.sigma, points.group, points.covariance
+    )
+
+
+def surface():
+    rng = np.random.default_rng(3)
+    return Surface(GRID, rng.normal(0.0, 0.2, GRID.shape), np.ones((GRID.size - 1,) * 2))
+
+
+def equations(points, now):
+    """Points alone, with weak priors on slopes, twists and heights about those of the surface."""
+    cells = (GRID.size - 1,) * 2
+    normal = np.zeros((6, *cells))
+    normal[[0, 3]] = SLOPE_WEIGHT
+    nothing = CellInformation(
+        normal, np.zeros((3, *cells)), np.zeros((0, *GRID.shape)), np.zeros((0, 0)), np.zeros(0)
+    )
+    weight = np.full(GRID.shape, POINT_WEIGHT)
+    return HeightEquations(
+        nothing, CellHeights.of([points], GRID), now, weight, np.zeros(GRID.shape),
+        np.full(cells, TWIST_WEIGHT),
+    )  # fmt: skip
+
+
+def rows_of(points):
+    """Rows (N, R·C) that take heights of the grid to those of the planes of cells at points."""
+    rows = np.zeros((len(points), GRID.size**2))
+    for row, (x, y, _) in zip(rows, points.places, strict=True):
+        i, j = (int(np.floor(v / GRID.gsd + GRID.half_size)) for v in (y, x))
+        u, v = x / GRID.gsd + GRID.half_size - j - 0.5, y / GRID.gsd + GRID.half_size - i - 0.5
+        for down in (0, 1):
+            for over in (0, 1):
+                share = 0.25 + 0.5 * (u * (2 * over - 1) + v * (2 * down - 1))
+                row[(i + down) * GRID.size + j + over] = share
+    return rows
+
+
+def dense(points, now):
+    """Heights and their covariance by generalised least squares."""
+    design = rows_of(points)
+    noise = np.diag(points.sigma**2) + points.covariance[np.ix_(points.group, points.group)]
+    normal = POINT_WEIGHT * np.eye(GRID.size**2)
+    size = GRID.size
+    for i in range(size - 1):
+        for j in range(size - 1):
+            corners = [i * size + j, i * size + j + 1, (i + 1) * size + j, (i + 1) * size + j + 1]
+            slope = SLOPE_WEIGHT / (2 * GRID.gsd) ** 2
+            signs = [(-1, 1, -1, 1, slope), (-1, -1, 1, 1, slope), (1, -1, -1, 1, TWIST_WEIGHT)]
+            for *sign, weight in signs:
+                normal[np.ix_(corners, corners)] += weight * np.outer(sign, sign)
+    inverse = np.linalg.inv(noise)
+    left = points.places[:, 2] - design @ now.height.ravel()
+    covariance = np.linalg.inv(normal + design.T @ inverse @ design)
+    return covariance @ design.T @ inverse @ left, covariance
+
+
+def test_heights_and_variances_are_those_of_least_squares_with_correlated_errors():
+    points, now = points_of(40), surface()
+    rise, nuisance = equations(points, now).solve()
+    expected, covariance = dense(points, now)
+    assert nuisance.shape == (0,)
+    np.testing.assert_allclose(rise.ravel(), expected, atol=1e-4)
+    variance = equations(points, now).variance().ravel()
+    np.testing.assert_allclose(variance, np.diag(covariance), rtol=1e-6)
+
+
+def test_an_error_that_a_group_shares_does_not_average_away():
+    one = points_of(4000, 1, covariance=np.array([[0.04]]))
+    many = points_of(4000, 400, covariance=0.04 * np.eye(400))
+    alone, apart = (np.median(equations(p, surface()).variance()) for p in (one, many))
+    # The other information on the mean height are the weak weights of all points.
+    least = 1.0 / (1.0 / 0.04 + POINT_WEIGHT * GRID.size**2)
+    assert least <= alone < 1.05 * least + 0.05**2
+    assert apart < 0.1 * alone
+
+
+def test_a_level_has_the_same_sums_in_wider_cells():
+    points = points_of(60)
+    coarse = GRID.with_gsd(2.0 * GRID.gsd)
+    fine, wide = CellHeights.of([points], GRID), CellHeights.of([points], coarse)
+    assert wide.normal.shape == (6, coarse.size - 1, coarse.size - 1)
+    for one, other in ((fine.normal[5], wide.normal[5]), (fine.right[2], wide.right[2])):
+        assert other.sum() == pytest.approx(one.sum())
+    np.testing.assert_allclose(fine.shared, wide.shared)
+
+
+def test_two_sets_of_points_have_groups_of_their_own():
+    some, others = points_of(20, 2), points_of(30, 3, seed=7)
+    both = CellHeights.of([some, others], GRID)
+    assert both.coupled.shape[0] == len(both.shared) == 5
+    assert not both.shared[:2, 2:].any()
+    parts = [CellHeights.of([points], GRID).normal for points in (some, others)]
+    np.testing.assert_allclose(both.normal, sum(parts))
+
+
+def test_points_outside_the_grid_do_not_count():
+    points = points_of(10)
+    away = replace(points, places=points.places + np.array([10.0, 0.0, 0.0]))
+    assert not CellHeights.of([away], GRID).normal.any()
+    assert not constraint_of("away", GRID, away).weight.any()
+
+
+def test_the_grid_knows_where_points_are_and_they_count_once():
+    points = points_of(50)
+    constraint = constraint_of("points", GRID, points)
+    assert constraint.weight.sum() == pytest.approx(np.sum(points.sigma**-2.0))
+    known = constraint.weight > 0.0
+    assert (np.isfinite(constraint.height) == known).all()
+    height, weight, cells = gathered((constraint,), GRID, GRID)
+    assert not weight.any()
+    assert not height.any()
+    assert cells.normal[5].sum() == pytest.approx(constraint.weight.sum())
+
+
+def test_a_subset_has_its_share_with_whole_weights():
+    points = points_of(4000)
+    some = constraint_of("points", GRID, points).subset(0.25, np.random.default_rng(5))
+    assert len(some.points) == pytest.approx(1000, abs=100)
+    np.testing.assert_allclose(some.points.sigma, points.sigma[0])
+    grid = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 30)
+    every = HeightConstraint.of_sigma("all", np.ones(grid.shape), 0.5)
+    part = every.subset(0.25, np.random.default_rng(5))
+    assert set(np.unique(part.weight)) == {0.0, 4.0}
+    assert np.mean(part.weight > 0.0) == pytest.approx(0.25, abs=0.03)
+
+
+def test_a_height_is_carried_as_far_as_slopes_are_known():
+    grid = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 20)
+    height = np.full(grid.shape, np.nan)
+    height[20, 20] = 1.0
+    one = (HeightConstraint.of_sigma("one", height, 0.05),)
+    near = constrained_points(one, grid, 0.3)
+    assert near[20, 31]
+    assert not near[20, 32]
+    vague = (HeightConstraint.of_sigma("vague", height, 0.6),)
+    assert not constrained_points(vague, grid, 0.3).any()
+    assert not constrained_points((), grid, 0.3).any()
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"sigma": np.zeros(4)}, "must be positive"),
+        ({"sigma": np.ones(3)}, "sigmas of points"),
+        ({"group": np.array([0, 0, 0, 2])}, "names a group that is not there"),
+        ({"covariance": np.array([[1.0, 2.0], [2.0, 1.0]])}, "is not positive definite"),
+        ({"places": np.full((4, 3), np.nan)}, "not finite"),
+    ],
+)
+def test_wrong_points_are_refused(changed, words):
+    with pytest.raises(InvalidValueError, match=words):
+        replace(points_of(4), **changed)
+
+
+def test_sparse_points_reach_ground_in_shadow_and_a_shared_offset_is_found(painted):
+    """A quarter of the ground is dark in all images; one point in 9 cells, one scan 0.3 m high."""
+    grid, truth = painted.grid, painted.heights()
+    sights = [([0.3, 0, 1], [0.7, 0.1, 0.8]), ([-0.4, 0.2, 1], [-0.5, 0.4, 0.8]),
+              ([0, 0.4, 1], [0.1, 0.7, 0.8]), ([0.1, -0.4, 1], [0.2, -0.6, 0.8])]  # fmt: skip
+    images = [painted.photograph(f"I{k}", *sight, size=90) for k, sight in enumerate(sights)]
+    dark = [
+        replace(image, pixels=np.where(np.arange(90)[:, None] < 40, 0, image.pixels).astype("u2"))
+        for image in images
+    ]
+    rng = np.random.default_rng(2)
+    reach = grid.half_size * grid.gsd
+    places = rng.uniform(-reach, reach, (grid.size**2 // 9, 2))
+    group = rng.integers(0, 4, len(places))
+    height = painted.height(*places.T) + np.array([0.3, 0.0, 0.0, 0.0])[group]
+    sigma = np.full(len(places), 0.02)
+    shared = 0.15**2 * np.eye(4)
+    points = PointHeights(np.column_stack([places, height]), sigma, group, shared)
+    options = PhotoclinometryOptions(function=lambert, least_error=1e-3)
+
+    def error(*constraints):
+        found = solve_photoclinometry(
+            Maplet("FLAT", grid, np.zeros(grid.shape)), dark,
+            {image.name: 1e-14 * np.eye(6) for image in dark},
+            constraints=constraints, options=options,
+        )  # fmt: skip
+        return found, found.maplet.height - truth
+
+    found, with_points = error(constraint_of("points", grid, points))
+    unseen = np.zeros(grid.shape, dtype=bool)
+    unseen[:-1, :-1] = found.directions == 0
+    assert 0.1 < unseen.mean() < 0.6
+    known = HeightConstraint.of_sigma("edge", np.where(unseen, np.nan, truth), 0.5, common=100)
+    _, without = error(known)
+    assert np.std(with_points[unseen]) < 0.3 * np.std(without[unseen])
+    # Taken as exact, the scan that is 0.3 m high would make the ground rough.
+    exact = replace(points, covariance=1e-8 * np.eye(4))
+    _, rough = error(constraint_of("points", grid, exact))
+    assert np.std(with_points[unseen]) < 0.8 * np.std(rough[unseen])
