@@ -14,8 +14,8 @@ from spcola.compilation import compiled, compiled_inline
 from spcola.photometry.functions import shade
 
 Places = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""Sample and line (R, C) of the points of a grid, and their derivatives by height, pixels a metre;
-pixel k of a window reaches from k to k + 1."""
+"""Sample and line (R, C) of the points of a grid in a window, pixel k of which reaches from k to
+k + 1, and the derivatives of sample and line in the image by height, pixels a metre."""
 # Places of the unknowns of a cell: slopes ∂h/∂x and ∂h/∂y, mean height (m), relative albedo.
 UNKNOWNS = 4
 # Nuisance parameters of an image: logarithm of its scale λ, changes of it along the grid's x and y
@@ -179,8 +179,8 @@ def gather_cells(
         As in :func:`spread_cells`.
     window : (H, W, 5) ndarray
         Weight 1/σ² over the area of all cells in a pixel, and its products with the residual, the
-        expected brightness, and the derivatives of that along samples and lines. All are 0 where a
-        pixel does not count.
+        expected brightness, and the derivatives of that along samples and lines of the image. All
+        are 0 where a pixel does not count.
     bright : three ndarrays
         (R − 1, C − 1): brightness of a cell of albedo 1 and Φ = 1, and its albedo; (3, R − 1,
         C − 1): what :func:`shade_cells` gives.

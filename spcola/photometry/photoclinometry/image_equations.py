@@ -132,11 +132,15 @@ def _compared(
     layers = np.stack([surface.albedo * ground.shades[0] * lit, (lit > 0.0) & (lit < 1.0)])
     sums = np.zeros((3, *window.pixels.shape))
     u, v = ground.places[:2]
-    blur = _SQUARED_WIDTH * options.psf_px**2
-    spread_cells(u, v, window.facing, blur, ground.seen, layers, sums)
+    spread_cells(u, v, window.facing, _blur(window, options), ground.seen, layers, sums)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     expect_pixels(sums, window.usable, _FILLED, used)
     return Compared(used, *sums)
+
+
+def _blur(window: ImageWindow, options: PhotoclinometryOptions) -> float:
+    """Return twelve times the variance of the point spread, blocks²."""
+    return _SQUARED_WIDTH * (options.psf_px / window.block) ** 2
 
 
 def gain(gradient: FloatArray, cells: tuple[int, ...]) -> FloatArray:
@@ -253,10 +257,11 @@ def add_image(
     weighted = np.zeros((*window.pixels.shape, 5))
     weigh_pixels(
         window.pixels, used, (compared.expected, compared.area, compared.edge),
-        (state.scale, state.spread, _DARK * float(expected.mean()), options.loss_scale), weighted,
+        (state.scale, state.spread, _DARK * float(expected.mean()), options.loss_scale,
+         window.block), weighted,
     )  # fmt: skip
     seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
-    seeing = window.facing, _SQUARED_WIDTH * options.psf_px**2, seen
+    seeing = window.facing, _blur(window, options), seen
     bright = state.scale * ground.lit, surface.albedo, ground.shades
     into = sums.own, sums.factors[number], sums.nuisance[number]
     gather_cells(ground.places, seeing, weighted, bright, into)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera import SpcImage, partials_position, project_image
 from spcola.grids import MapletGrid
 from spcola.photometry.ground import Ground, at_cells
@@ -19,6 +19,9 @@ from spcola.shape import RayCaster
 
 # Pixels around the ground in a window.
 _MARGIN = 3
+# Pixels are averaged in blocks of at most this side, cells: relief of a cell hardly varies in one,
+# and a pixel costs as much as a cell.
+_BLOCK = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +32,17 @@ class ImageWindow:
     ----------
     name : str
     pixels : (H, W) ndarray
-        Brightness in a window of the image.
+        Brightness in a window of the image, averaged over blocks of pixels.
     usable : (H, W) ndarray of bool
-        Between the image's thresholds: neither dark as shadow nor saturated.
+        Blocks whose pixels are all between the image's thresholds: neither dark as shadow nor
+        saturated.
+    block : int
+        Pixels along the side of a block; 1 where pixels are no finer than cells.
     u, v : (R, C) ndarrays
-        Sample and line of each point at `height`; pixel k of the window reaches from k to k + 1.
+        Sample and line of each point at `height`, in blocks; number k of the window reaches from k
+        to k + 1.
     up_u, up_v : (R, C) ndarrays
-        Their derivatives by the height, pixels a metre.
+        Derivatives of sample and line by the height, pixels a metre.
     height : (R, C) ndarray
         Metres.
     sun : (3,) ndarray
@@ -55,6 +62,7 @@ class ImageWindow:
     name: str
     pixels: FloatArray
     usable: BoolArray
+    block: int
     u: FloatArray
     v: FloatArray
     up_u: FloatArray
@@ -91,25 +99,30 @@ class ImageWindow:
         pixel, line = project_image(image, points)
         if image.pixels is None or not np.isfinite(pixel + line).all():
             return None
+        block = _block_of(pixel, line)
         shape = image.camera.height, image.camera.width
         window = tuple(
-            slice(max(int(place.min()) - _MARGIN, 0), min(int(place.max()) + _MARGIN, size))
-            for place, size in zip((line, pixel), shape, strict=True)
+            _span(place, size, block) for place, size in zip((line, pixel), shape, strict=True)
         )
         if any(one.start >= one.stop for one in window):
             return None
         pixels = np.asarray(image.pixels[window], dtype=np.float64)
         low, high = image.thresholds
+        usable = (pixels > low) & (pixels < high)
         up = np.moveaxis(partials_position(image, points) @ grid.uz, -1, 0)
         away = (image.position - at_cells(points)) @ grid.axes.T
         eye = np.moveaxis(away / np.linalg.norm(away, axis=-1, keepdims=True), -1, 0)
         sun = grid.axes @ image.sun
-        u, v = pixel - 0.5 - window[1].start, line - 0.5 - window[0].start
+        u, v = (
+            (place - 0.5 - one.start) / block
+            for place, one in zip((pixel, line), window[::-1], strict=True)
+        )
         across, down = (np.array([w[j] - w[0, 0] for w in (u, v)]) for j in ((0, -1), (-1, 0)))
         camera = grid.axes @ (image.position - grid.center) / [grid.gsd, grid.gsd, 1.0]
         facing = float(np.sign(across[0] * down[1] - across[1] * down[0]))
         return cls(
-            image.name, pixels, (pixels > low) & (pixels < high), u, v,
+            image.name, _in_blocks(pixels, block).mean(axis=(1, 3)),
+            _in_blocks(usable, block).all(axis=(1, 3)), block, u, v,
             np.ascontiguousarray(up[0]), np.ascontiguousarray(up[1]), np.array(height), sun,
             np.ascontiguousarray(eye),
             np.arccos(np.clip(np.tensordot(sun, eye, 1), -1.0, 1.0)),
@@ -122,14 +135,17 @@ class ImageWindow:
             np.array([w[j] - w[0, 0] for w in (self.u, self.v)]) / (self.u.shape[axis] - 1)
             for axis, j in ((1, (0, -1)), (0, (-1, 0)))
         )
-        return gsd / float(np.sqrt(abs(across[0] * down[1] - across[1] * down[0])))
+        return gsd / (self.block * float(np.sqrt(abs(across[0] * down[1] - across[1] * down[0]))))
 
     def places(self, height: FloatArray, shift: FloatArray) -> Places:
-        """Return sample and line (R, C) of points at other heights, and both derivatives."""
+        """Return sample and line (R, C) of points at other heights, and both derivatives.
+
+        The first two are in blocks, `shift` (2,) and derivatives in pixels.
+        """
         rise = height - self.height
         return (
-            self.u + self.up_u * rise + shift[0],
-            self.v + self.up_v * rise + shift[1],
+            self.u + (self.up_u * rise + shift[0]) / self.block,
+            self.v + (self.up_v * rise + shift[1]) / self.block,
             self.up_u,
             self.up_v,
         )
@@ -142,6 +158,26 @@ class ImageWindow:
     def lit(self, height: FloatArray, gsd: float, sun: FloatArray) -> FloatArray:
         """Return the share (R − 1, C − 1) of each cell in no shadow of the grid's own ground."""
         return at_cells(1.0 - cast_shadow(height, sun * [1.0, 1.0, gsd]))
+
+
+def _block_of(pixel: FloatArray, line: FloatArray) -> int:
+    """Return the side of blocks for sample and line (R, C) of the points of a grid."""
+    cells = pixel.shape[0] - 1
+    extents = [np.hypot(w[0, -1] - w[0, 0], w[-1, 0] - w[0, 0]) / cells for w in (pixel, line)]
+    return max(1, int(_BLOCK * min(extents)))
+
+
+def _span(place: FloatArray, size: int, block: int) -> slice:
+    """Return the whole blocks around places in an image of `size` lines or samples."""
+    margin = _MARGIN * block
+    first, last = max(int(place.min()) - margin, 0), min(int(place.max()) + margin, size)
+    return slice(first, first + (last - first) // block * block)
+
+
+def _in_blocks(layer: AnyArray, block: int) -> AnyArray:
+    """Return a layer (H, W) as (H / block, block, W / block, block)."""
+    height, width = layer.shape
+    return layer.reshape(height // block, block, width // block, block)
 
 
 def open_ground(

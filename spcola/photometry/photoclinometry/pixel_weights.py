@@ -69,7 +69,7 @@ def weigh_pixels(
     pixels: FloatArray,
     used: BoolArray,
     compared: tuple[FloatArray, FloatArray, FloatArray],
-    known: tuple[float, float, float, float],
+    known: tuple[float, float, float, float, int],
     out: FloatArray,
 ) -> None:
     """Fill `out` (H, W, 5) with what :func:`gather_cells` takes of each pixel.
@@ -85,14 +85,15 @@ def weigh_pixels(
         From :func:`find_inner`.
     compared : three (H, W) ndarrays
         Expected brightness without λ, area of the cells in each pixel, share of half-lit cells.
-    known : scale, spread, dark, loss
+    known : scale, spread, dark, loss, block
         λ; relative error of a pixel; expected brightness below which the error falls no further;
-        residual in its sigmas beyond which a pixel is down-weighted.
+        residual in its sigmas beyond which a pixel is down-weighted; pixels of the image along the
+        side of one of these.
     out : (H, W, 5) ndarray
         Zeros.
     """
     expected, area, edge = compared
-    scale, spread, dark, loss = known
+    scale, spread, dark, loss, block = known
     for y in range(used.shape[0]):
         for x in range(used.shape[1]):
             if used[y, x]:
@@ -110,7 +111,7 @@ def weigh_pixels(
                 out[y, x, 0] = share
                 out[y, x, 1] = share * (pixels[y, x] - scale * expected[y, x])
                 out[y, x, 2] = share * scale * expected[y, x]
-                half = 0.5 * share * scale
+                half = 0.5 * share * scale / block
                 out[y, x, 3] = half * (expected[y, x + 1] - expected[y, x - 1])
                 out[y, x, 4] = half * (expected[y + 1, x] - expected[y - 1, x])
 

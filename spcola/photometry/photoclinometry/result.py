@@ -52,11 +52,12 @@ class ImageFit:
     shift_px : tuple of 2 float
         Correction of sample and line of the grid in the image.
     residual : float
-        Robust standard deviation of its brightness about the expected one, relative.
+        Robust standard deviation of its brightness about the expected one, relative; pixels finer
+        than the grid are averaged in blocks.
     correlation : float
         Of both; NaN without pixels.
     pixels : int
-        Number of pixels compared.
+        Number of pixels, or blocks, compared.
     gradient : tuple of 2 float
         Relative change of λ along the grid's x and y, from its centre to its edge.
     noise : float

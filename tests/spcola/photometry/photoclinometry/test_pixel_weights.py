@@ -28,7 +28,7 @@ def weighed(pixels, expected, *, edge=None, area=None, dark=0.0):
     used, out = np.zeros(SHAPE, dtype=bool), np.zeros((*SHAPE, 5))
     count = find_inner(expected, np.isfinite(expected), used)
     assert count == np.count_nonzero(used)
-    weigh_pixels(pixels, used, (expected, area, edge), (SCALE, SPREAD, dark, LOSS), out)
+    weigh_pixels(pixels, used, (expected, area, edge), (SCALE, SPREAD, dark, LOSS, 1), out)
     assert not out[~used].any()
     return out, used
 
