@@ -16,7 +16,8 @@ from spcola.arrays import FloatArray
 from spcola.compilation import compiled, compiled_inline, compiled_sums
 from spcola.heights import inverse_diagonal
 
-_TOLERANCE = 1e-4
+# Of the heights' changes in a round, relative: the next round corrects what is left.
+TOLERANCE = 1e-3
 _MOST_ITERATIONS = 40
 # Columns of a factor that are subtracted from the following ones at once: memory, not arithmetic,
 # limits the factorisation.
@@ -98,18 +99,22 @@ class CellSurface:
             band[:, place] += diagonal.ravel()
         return band
 
-    def solve(self) -> tuple[FloatArray, FloatArray]:
-        """Return heights (R, C), metres, and nuisance parameters (P,)."""
+    def solve(self, *, tolerance: float = TOLERANCE) -> tuple[FloatArray, FloatArray]:
+        """Return heights (R, C), metres, and nuisance parameters (P,).
+
+        `tolerance` is the norm of what is left of the residual in that of the matrix's inverse,
+        relative to the right-hand side's.
+        """
         right = self._right.ravel()
         if self._nuisance is not None:
             right = right - cho_solve(self._nuisance, self._nuisance_right) @ self._coupled
-        x = self._conjugate(right)
+        x = self._conjugate(right, tolerance)
         if self._nuisance is None:
             return x.reshape(self._shape), np.zeros(0)
         left = self._nuisance_right - self._coupled @ x
         return x.reshape(self._shape), cho_solve(self._nuisance, left)
 
-    def _conjugate(self, right: FloatArray) -> FloatArray:
+    def _conjugate(self, right: FloatArray, tolerance: float) -> FloatArray:
         """Conjugate gradients, preconditioned by the factor without nuisance parameters."""
         x = np.zeros(right.size)
         residual = right.copy()
@@ -117,7 +122,7 @@ class CellSurface:
         direction, product = z, float(residual @ z)
         first = product
         for _ in range(_MOST_ITERATIONS):
-            if not product > _TOLERANCE**2 * first:
+            if not product > tolerance**2 * first:
                 break
             image = self._times(direction)
             step = product / float(direction @ image)

@@ -32,7 +32,8 @@ _FILLED = 0.6
 _FEWEST = 30
 # Brightness relative to its mean below which the error of a pixel falls no further.
 _DARK = 0.3
-# Least-squares solutions of the scale, each with new weights.
+# Least-squares solutions of a scale that is not known yet, each with new weights; one that is known
+# is found anew in each round, with the spread of the one before.
 _SCALE_ROUNDS = 3
 # Most pixels for a spread: the median of so many is within 2 % of that of all.
 _SAMPLE = 4000
@@ -175,13 +176,13 @@ def scaled(
     pixels: FloatArray, expected: FloatArray, state: ImageState, options: PhotoclinometryOptions
 ) -> ImageState:
     """Return a state with λ and spread of N pixels: least squares, outliers down-weighted."""
-    scale = state.scale
-    if not np.isfinite(scale):
-        scale = float(np.median(pixels / expected))
-    spread = state.spread if np.isfinite(state.spread) else 1.0
+    scale, spread = state.scale, state.spread
     step = -(-pixels.size // _SAMPLE)
     some = pixels[::step] / expected[::step]
-    for _ in range(_SCALE_ROUNDS):
+    new = not np.isfinite(scale + spread)
+    if new:
+        scale, spread = float(np.median(some)), 1.0
+    for _ in range(_SCALE_ROUNDS if new else 1):
         scale = fit_scale(pixels, expected, scale, scale * spread * options.loss_scale)
         spread = max(float(mad(some) / abs(scale)), options.least_error)
     return replace(state, scale=scale, spread=spread)

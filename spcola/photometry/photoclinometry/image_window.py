@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
-from spcola.camera import SpcImage, partials_position, project_image
+from spcola.camera import SpcImage, project_image
 from spcola.grids import MapletGrid
 from spcola.photometry.ground import Ground, at_cells
 from spcola.photometry.ortho_image import stop_at_other_ground
@@ -19,6 +19,9 @@ from spcola.shape import RayCaster
 
 # Pixels around the ground in a window.
 _MARGIN = 3
+# Points are raised by so many GSDs for derivatives: far less than the distance, far more than the
+# rounding of a pixel.
+_RISE = 1e-3
 # Pixels are averaged in blocks of at most this side, cells: relief of a cell hardly varies in one,
 # and a pixel costs as much as a cell.
 _BLOCK = 0.75
@@ -109,7 +112,11 @@ class ImageWindow:
         pixels = np.asarray(image.pixels[window], dtype=np.float64)
         low, high = image.thresholds
         usable = (pixels > low) & (pixels < high)
-        up = np.moveaxis(partials_position(image, points) @ grid.uz, -1, 0)
+        raised = project_image(image, points + _RISE * grid.gsd * grid.uz)
+        up = [
+            (one - other) / (_RISE * grid.gsd)
+            for one, other in zip(raised, (pixel, line), strict=True)
+        ]
         away = (image.position - at_cells(points)) @ grid.axes.T
         eye = np.moveaxis(away / np.linalg.norm(away, axis=-1, keepdims=True), -1, 0)
         sun = grid.axes @ image.sun
@@ -123,7 +130,7 @@ class ImageWindow:
         return cls(
             image.name, _in_blocks(pixels, block).mean(axis=(1, 3)),
             _in_blocks(usable, block).all(axis=(1, 3)), block, u, v,
-            np.ascontiguousarray(up[0]), np.ascontiguousarray(up[1]), np.array(height), sun,
+            *up, np.array(height), sun,
             np.ascontiguousarray(eye),
             np.arccos(np.clip(np.tensordot(sun, eye, 1), -1.0, 1.0)),
             camera + np.array([grid.half_size, grid.half_size, 0.0]), facing, *open_ground,

@@ -17,7 +17,7 @@ from spcola.photometry.photoclinometry.albedo_equations import (
     with_priors,
 )
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS
-from spcola.photometry.photoclinometry.cell_surface import CellInformation, CellSurface
+from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInformation, CellSurface
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.point_heights import CellHeights
@@ -186,9 +186,9 @@ class HeightEquations(CellSurface):
         )
         super().__init__(with_points, surface.gsd, weight, right, twist)
 
-    def solve(self) -> tuple[FloatArray, FloatArray]:
+    def solve(self, *, tolerance: float = TOLERANCE) -> tuple[FloatArray, FloatArray]:
         """Return heights (R, C), metres, and nuisance parameters (P,), those of points left out."""
-        heights, nuisance = super().solve()
+        heights, nuisance = super().solve(tolerance=tolerance)
         return heights, nuisance[: self._own]
 
 

@@ -104,7 +104,9 @@ def test_images_are_found_where_they_are(noiseless):
 def test_the_order_of_the_images_does_not_matter(painted, photographs):
     once = solved(painted, photographs, FEW_ROUNDS)
     again = solved(painted, photographs[::-1], FEW_ROUNDS)
-    np.testing.assert_allclose(once.maplet.height, again.maplet.height, atol=1e-6)
+    # Each round's heights are solved to 1e-3, so that rounding changes weakly determined edges.
+    np.testing.assert_allclose(once.maplet.height, again.maplet.height, atol=1e-4)
+    assert np.std(once.maplet.height - again.maplet.height) < 1e-6
     assert [fit.name for fit in once.images] == [fit.name for fit in again.images][::-1]
 
 
@@ -120,8 +122,8 @@ def test_the_unit_of_brightness_does_not_matter(painted, photographs, unit):
         for image in photographs
     ]
     again = solved(painted, other, FEW_ROUNDS)
-    np.testing.assert_allclose(again.maplet.height, once.maplet.height, atol=1e-6)
-    # Each round's heights are solved to 1e-4, so that rounding changes sigmas at the edge as much.
+    # Each round's heights are solved to 1e-3, so that rounding changes weakly determined edges.
+    np.testing.assert_allclose(again.maplet.height, once.maplet.height, atol=1e-4)
     np.testing.assert_allclose(again.maplet.sigma, once.maplet.sigma, rtol=1e-3)
     assert again.images[0].scale == pytest.approx(unit * once.images[0].scale, rel=1e-6)
 
