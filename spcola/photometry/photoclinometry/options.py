@@ -63,8 +63,8 @@ class PhotoclinometryOptions:
     seed : int
         Of these draws.
     settled_gsd, settled_albedo : float
-        Root mean squares of the changes of a round in heights, GSDs, and albedo at which a level is
-        converged.
+        Robust standard deviation of the changes of heights in a round, GSDs, and root mean square
+        of those of albedo, at which a level is converged.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class PhotoclinometryOptions:
     function: PhotometricFunction = lunar_lambert
     psf_px: float = 0.0
     levels: tuple[int, ...] = (4, 2, 1)
-    rounds: int = 8
+    rounds: int = 12
     albedo_sigma: float = 0.05
     convention: AlbedoConvention = field(default_factory=AlbedoConvention)
     gradient_sigma: float = 0.03

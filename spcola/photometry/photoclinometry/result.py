@@ -101,7 +101,7 @@ class Round:
     residual : float
         Median over images of the relative residual of brightness, before the round.
     height_m : float
-        Root mean square of the changes of heights, without their mean, metres.
+        Robust standard deviation of the changes of heights, metres.
     albedo : float
         Root mean square of the changes of albedo.
     """

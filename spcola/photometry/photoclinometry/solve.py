@@ -14,6 +14,7 @@ from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
 from spcola.grids.gaps import filled
+from spcola.math.robust import mad
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
 from spcola.photometry.photoclinometry.constraints import (
@@ -251,7 +252,8 @@ class _Work:
         rise, nuisance = equations.solve()
         albedo = changed_albedo(reduced, surface, rise, nuisance, options.convention)
         residual = float(np.nanmedian([state.spread for state in self.states]))
-        moved, brightened = float(np.std(rise)), float(np.std(albedo - surface.albedo))
+        # Ground that nothing determines, and ground that a shadow enters or leaves, never settles.
+        moved, brightened = float(mad(rise)), float(np.std(albedo - surface.albedo))
         self.rounds.append(Round(surface.gsd, residual, moved, brightened))
         steps = nuisance.reshape(-1, NUISANCES)
         self.states = [changed_state(*one) for one in zip(self.states, steps, strict=True)]

@@ -143,7 +143,7 @@ class LithosSettings(Table):
         default=0.3, description="expected scatter of slopes about those of the start"
     )
     rounds: Annotated[int, Span(1, 1000)] = Field(
-        default=8, description="most rounds of each of three GSDs, coarse to fine"
+        default=12, description="most rounds of each of three GSDs, coarse to fine"
     )
 
 

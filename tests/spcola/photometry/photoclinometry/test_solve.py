@@ -34,10 +34,10 @@ SIGHTS = [
     ([0.4, 0.4, 1.0], [0.5, -0.5, 0.8]),
 ]
 KNOWN = 1e-14 * np.eye(6)
-FEW_ROUNDS = PhotoclinometryOptions(function=lambert, least_error=1e-3)
+FEW_ROUNDS = PhotoclinometryOptions(function=lambert, least_error=1e-3, settled_gsd=5e-3)
 # The function is right: brightness changes over the grid only as it states.
 NOISELESS = PhotoclinometryOptions(
-    function=lambert, least_error=1e-3, rounds=20, settled_gsd=1e-3, gradient_sigma=1e-4,
+    function=lambert, least_error=1e-3, rounds=20, settled_gsd=5e-4, gradient_sigma=1e-4,
     shift_sigma_px=1e-3, slope_sigma=1.0, albedo_sigma=0.2,
 )  # fmt: skip
 
