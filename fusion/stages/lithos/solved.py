@@ -96,7 +96,8 @@ def _solved(
 ) -> Iterator[tuple[str, Summary]]:
     """Solve maplets, write those that are new, and yield their summaries."""
     grids = [sources.grids[name] for name in names]
-    sizes = [float(grid.size**2 * (1 + len(sources.images.showing(grid)))) for grid in grids]
+    shown = [len(sources.showing(name)) for name in names]
+    sizes = [float(grid.size**2 * (1 + k)) for grid, k in zip(grids, shown, strict=True)]
     with progress.items("maplets from images", sizes, executor.workers) as task:
         results = executor.stream(Timed(sources.solve), names)
         for name, (found, spent) in zip(names, results, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from fusion.workspace.settings.processing import RegisterSettings
 from spcola.arrays import FloatArray
+from spcola.camera import SpcImage
 from spcola.errors import RejectedResultError, WorkspaceError
 from spcola.grids import Maplet, MapletGrid, project_maplet
 from spcola.imagematching import ChoiceOptions
@@ -61,6 +62,8 @@ class LithosSources:
     items : ItemStore
     options : LithosOptions
     digests : ImageDigests
+    chosen : dict of str to list of SpcImage
+        The images of maplets, as far as they have been asked for.
     """
 
     workspace: Workspace
@@ -72,6 +75,7 @@ class LithosSources:
     items: ItemStore
     options: LithosOptions
     digests: ImageDigests
+    chosen: dict[str, list[SpcImage]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, workspace: Workspace, items: ItemStore, options: LithosOptions) -> LithosSources:
@@ -138,7 +142,7 @@ class LithosSources:
         dict
             States and pixels of their images, the shape, the registration: digest by path.
         """
-        shown = {image.name for name in names for image in self.images.showing(self.grids[name])}
+        shown = {image.name for name in names for image in self.showing(name)}
         found = self.digests.files(one for one in self.images.images if one.name in shown)
         if self.scene is not None or self.returns is not None:
             path = self.workspace.registration_path
@@ -151,6 +155,17 @@ class LithosSources:
         found |= {self.workspace.relative(one.path): file_digest(one.path) for one in self.maps}
         return found
 
+    def showing(self, name: str) -> list[SpcImage]:
+        """Return the images of a maplet; they are chosen once.
+
+        Parameters
+        ----------
+        name : str
+        """
+        if name not in self.chosen:
+            self.chosen[name] = self.images.showing(self.grids[name])
+        return self.chosen[name]
+
     def solve(self, name: str) -> Photoclinometry:
         """Return the photoclinometry of a maplet; a kept one if nothing that goes into it changed.
 
@@ -159,7 +174,7 @@ class LithosSources:
         name : str
         """
         start = self._start(name)
-        images = self.images.showing(start.grid)
+        images = self.showing(name)
         states = {image.name: self.images.states[image.name] for image in images}
         found: Photoclinometry = self.items.result(
             self.from_images,

@@ -129,8 +129,8 @@ class ImageWindow:
         facing = float(np.sign(across[0] * down[1] - across[1] * down[0]))
         return cls(
             image.name, _in_blocks(pixels, block).mean(axis=(1, 3)),
-            _in_blocks(usable, block).all(axis=(1, 3)), block, u, v,
-            *up, np.array(height), sun,
+            np.asarray(_in_blocks(usable, block).all(axis=(1, 3))), block, u, v,
+            up[0], up[1], np.array(height), sun,
             np.ascontiguousarray(eye),
             np.arccos(np.clip(np.tensordot(sun, eye, 1), -1.0, 1.0)),
             camera + np.array([grid.half_size, grid.half_size, 0.0]), facing, *open_ground,
