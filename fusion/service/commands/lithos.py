@@ -63,8 +63,8 @@ class LithosCommandOptions:
             metavar="KIND",
             help="Heights that constrain the integration: shape, overlaps (of maplets of about "
             "the same GSD), coarser (maplets), lidar (of registered mapolas), returns (registered "
-            "ones, each at its place), maps (of [lithos] maps), or none. Repeat it for several. By "
-            "default [lithos] constraints: the shape.",
+            "ones, each at its place), limbs (of the shape in images), maps (of [lithos] maps), or "
+            "none. Repeat it for several. By default [lithos] constraints: the shape.",
         ),
     ] = None
     shape_sigma: Annotated[
@@ -92,6 +92,14 @@ class LithosCommandOptions:
             min=1e-6,
             max=1e5,
             help="Sigma of the heights of maps that state none: [lithos] map_sigma_m.",
+        ),
+    ] = None
+    stereo: Annotated[
+        bool | None,
+        typer.Option(
+            "--stereo/--no-stereo",
+            help="Whether the displacement of ground in images by its height determines heights, "
+            "or slopes and constraints alone: [lithos] stereo.",
         ),
     ] = None
     constraint_fraction: Annotated[
@@ -162,6 +170,7 @@ def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
         "shape_sigma_m": given.shape_sigma,
         "map_sigma_m": given.map_sigma,
         "constraint_fraction": given.constraint_fraction,
+        "stereo": given.stereo,
         "max_images": given.max_images,
         "photometry": given.photometry or None,
         "psf_px": given.psf,

@@ -32,6 +32,8 @@ class ConstraintKind(StrEnum):
     """Of the registered mapolas."""
     RETURNS = "returns"
     """Of the registered returns, each at its own place."""
+    LIMBS = "limbs"
+    """Of the shape's limbs in images."""
     MAPS = "maps"
     """Of maps and terrain models in files."""
 
@@ -141,6 +143,7 @@ class LithosOptions:
                 slope_sigma=table.slope_sigma,
                 constraint_fraction=table.constraint_fraction,
                 seed=table.seed,
+                stereo=table.stereo,
                 rounds=table.rounds,
             ),
             tuple(settings.accept.codes),
@@ -178,6 +181,7 @@ class LithosOptions:
             "slope_sigma": own.slope_sigma,
             "constraint_fraction": own.constraint_fraction,
             "seed": own.seed,
+            "stereo": own.stereo,
             "rounds": own.rounds,
         }
 

@@ -79,7 +79,7 @@ class RegisteredReturns:
         half = grid.half_size * grid.gsd
         within = np.all(np.abs(places) <= [half, half, self.source.options.reach(grid)], axis=1)
         returns, places = returns.select(within).of_own_scans(), places[within]
-        apart = places[:, 2] - _height_at(start, places)
+        apart = places[:, 2] - height_at(start, places)
         found = noise_of_pairs(places, apart, self.source.options.default_sigma_m)
         sigma = np.where(np.isfinite(returns.sigma), returns.sigma, found)
         true = supported(places, sigma, apart, slope_sigma, grid)
@@ -218,8 +218,16 @@ def _nearest(places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
     return np.asarray(distance), np.asarray(other)
 
 
-def _height_at(start: Maplet, places: FloatArray) -> FloatArray:
-    """Return the heights (N,) of a maplet at places (N, 3), metres, bilinearly."""
+def height_at(start: Maplet, places: FloatArray) -> FloatArray:
+    """Return the heights (N,) of a maplet at places (N, 3), metres, bilinearly.
+
+    Parameters
+    ----------
+    start : Maplet
+        NaN heights are interpolated.
+    places : (N, 3) ndarray
+        x and y from the centre of its grid, metres; the third is not used.
+    """
     rows = places[:, 1::-1].T / start.grid.gsd + start.grid.half_size
     found: FloatArray = ndimage.map_coordinates(filled(start.height), rows, order=1, mode="nearest")
     return found

@@ -13,6 +13,7 @@ from fusion.pipeline.items import ItemStore
 from fusion.scene import Scene, maplets_around
 from fusion.scene.geolocation import return_paths
 from fusion.stages.lithos.digests import ImageDigests
+from fusion.stages.lithos.limbs import Limbs
 from fusion.stages.lithos.maps import ExternalMap, read_maps
 from fusion.stages.lithos.options import ConstraintKind, LithosOptions
 from fusion.stages.lithos.returns import RegisteredReturns
@@ -38,6 +39,8 @@ _COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
 # Maplets that reach to within so many radii of the centre of another may hide and shade its ground;
 # their facets there have a side of so many of its GSDs.
 _AROUND, _AROUND_STEP = 3.0, 2.0
+# Sigmas of the shape that a limb may lie from the shape's.
+_FARTHEST = 3.0
 # A maplet whose GSD is larger by this factor is a coarser one.
 _COARSER = 1.5
 # Sigma of the heights of a maplet that states none, grid steps.
@@ -58,6 +61,8 @@ class LithosSources:
         Registered mapolas; only where the lidar is asked for.
     returns : RegisteredReturns, optional
         Only where they are asked for.
+    limbs : Limbs, optional
+        Only where they are asked for.
     maps : tuple of ExternalMap
     items : ItemStore
     options : LithosOptions
@@ -71,6 +76,7 @@ class LithosSources:
     grids: dict[str, MapletGrid]
     scene: Scene | None
     returns: RegisteredReturns | None
+    limbs: Limbs | None
     maps: tuple[ExternalMap, ...]
     items: ItemStore
     options: LithosOptions
@@ -103,7 +109,8 @@ class LithosSources:
                 workspace.root / "IMAGEFILES",
                 "bring images and states: spcola images",
             )
-        shape = ConstraintKind.SHAPE in options.constraints or options.start == "shape"
+        of_shape = {ConstraintKind.SHAPE, ConstraintKind.LIMBS}
+        shape = of_shape & set(options.constraints) or options.start == "shape"
         if shape and images.beyond is None:
             raise WorkspaceError(
                 "has no shape", workspace.root, "leave it out: --start maplet --constraint overlaps"
@@ -118,6 +125,7 @@ class LithosSources:
             grids,
             Scene.of(workspace, light="none") if lidar else None,
             RegisteredReturns.of(workspace) if returns else None,
+            Limbs(images, _reach(options, grids)) if ConstraintKind.LIMBS in asked else None,
             read_maps(options.maps, options.map_sigma_m),
             items,
             options,
@@ -143,7 +151,9 @@ class LithosSources:
             States and pixels of their images, the shape, the registration: digest by path.
         """
         shown = {image.name for name in names for image in self.showing(name)}
-        found = self.digests.files(one for one in self.images.images if one.name in shown)
+        # A limb may be in any image.
+        every = self.limbs is not None
+        found = self.digests.files(one for one in self.images.images if every or one.name in shown)
         if self.scene is not None or self.returns is not None:
             path = self.workspace.registration_path
             found[path.name] = file_digest(path)
@@ -270,6 +280,9 @@ class LithosSources:
         if self.returns is not None:
             sigma = self.options.photoclinometry.slope_sigma
             found.append(self.returns.constraint(start, sigma))
+        if self.limbs is not None:
+            limbs = self.limbs.constraint(start, self.options.photoclinometry.slope_sigma)
+            found += [] if limbs is None else [limbs]
         found += [one for one in (map_.constraint(start) for map_ in self.maps) if one is not None]
         return tuple(found)
 
@@ -304,6 +317,12 @@ def check_registration(workspace: Workspace, accepted: tuple[str, ...]) -> None:
     verdict = Verdict.from_json(workspace.read_json(path.name))
     if obstacle := verdict.obstacle(accepted):
         raise RejectedResultError(f"the registration is {obstacle}", path)
+
+
+def _reach(options: LithosOptions, grids: Mapping[str, MapletGrid]) -> float:
+    """Return how far limbs may lie from the shape's, metres."""
+    sigma = options.shape_sigma_m or float(np.median([grid.gsd for grid in grids.values()]))
+    return _FARTHEST * sigma
 
 
 def _kind_of(other: MapletGrid, grid: MapletGrid) -> ConstraintKind:

@@ -106,7 +106,11 @@ class HeightConstraint:
         total = np.bincount(place, weight, grid.size**2).astype(np.float64)
         pull = np.bincount(place, weight * points.places[inside, 2], grid.size**2)
         mean = np.divide(pull, total, out=np.full(grid.size**2, np.nan), where=total > 0)
-        return cls(name, mean.reshape(grid.shape), total.reshape(grid.shape), points)
+        # No number of points determines a height better than the error that they share.
+        shared = np.full(grid.size**2, np.inf)
+        np.minimum.at(shared, place, np.diag(points.covariance)[points.group[inside]])
+        known = np.where(total > 0, total / (1.0 + total * np.where(total > 0, shared, 0.0)), 0.0)
+        return cls(name, mean.reshape(grid.shape), known.reshape(grid.shape), points)
 
     def subset(self, fraction: float, generator: np.random.Generator) -> HeightConstraint:
         """Return a random share of the heights, each with its whole weight.

@@ -265,5 +265,8 @@ def add_image(
     seeing = window.facing, _blur(window, options), seen
     bright = state.scale * ground.lit, surface.albedo, ground.shades
     into = sums.own, sums.factors[number], sums.nuisance[number]
-    gather_cells(ground.places, seeing, weighted, bright, into)
+    places = ground.places
+    if not options.stereo:
+        places = *places[:2], np.zeros_like(window.up_u), np.zeros_like(window.up_v)
+    gather_cells(places, seeing, weighted, bright, into)
     return replace(state, spread=found.spread)

@@ -62,6 +62,9 @@ class PhotoclinometryOptions:
         al., §4); 1 is all of them. In sigmas all count.
     seed : int
         Of these draws.
+    stereo : bool
+        Whether the displacement of ground in images by its height is in the equations; without it
+        heights are those of slopes and constraints alone.
     settled_gsd, settled_albedo : float
         Robust standard deviation of the changes of heights in a round, GSDs, and root mean square
         of those of albedo, at which a level is converged.
@@ -89,6 +92,7 @@ class PhotoclinometryOptions:
     error_factor: float = 1.5
     constraint_fraction: float = 1.0
     seed: int = 1
+    stereo: bool = True
     settled_gsd: float = 0.01
     settled_albedo: float = 0.003
 

@@ -78,6 +78,10 @@ class FuseSettings(Table):
         default=1.0, description="share of the lidar heights used (a random subset below 1)"
     )
     seed: Seed = Field(default=1, description="of the random subset")
+    stereo: bool = Field(
+        default=True,
+        description="whether the displacement of ground in images by its height determines heights",
+    )
     fill_sigma_m: Sigma = Field(
         default=1.0,
         description="sigma of a height that comes from the shape alone, without lidar",
@@ -92,12 +96,14 @@ class FuseSettings(Table):
 class LithosSettings(Table):
     """[lithos]: slopes, albedo and heights of maplets from the brightness of their images."""
 
-    constraints: list[Literal["shape", "overlaps", "coarser", "lidar", "returns", "maps"]] = Field(
+    constraints: list[
+        Literal["shape", "overlaps", "coarser", "lidar", "returns", "limbs", "maps"]
+    ] = Field(
         default=["shape"],
         max_length=20,
         description="heights that constrain the integration: the shape, overlapping maplets of "
         "about the same GSD, coarser ones, registered mapolas (lidar) or the registered returns "
-        "themselves, maps",
+        "themselves, the shape's limbs in images, maps",
     )
     shape_sigma_m: SigmaOrNone = Field(
         default=0.0, description="sigma of the shape's heights; 0: the GSD of a maplet"
@@ -117,6 +123,10 @@ class LithosSettings(Table):
         "round; 1: all, by their sigmas",
     )
     seed: Seed = Field(default=1, description="of the random subset")
+    stereo: bool = Field(
+        default=True,
+        description="whether the displacement of ground in images by its height determines heights",
+    )
     max_images: Annotated[int, Span(2, 10_000)] = Field(
         default=50, description="most images of a maplet"
     )
@@ -173,6 +183,10 @@ class BigmapSettings(Table):
     )
     constraint_fraction: Fraction = Field(default=1.0, description="share of averaged heights used")
     seed: Seed = Field(default=1, description="of the random subset")
+    stereo: bool = Field(
+        default=True,
+        description="whether the displacement of ground in images by its height determines heights",
+    )
     max_gsd_m: Gsd = Field(default=0.0, description="coarser maplets are left out; 0: none")
     max_distance_m: Size = Field(
         default=0.0, description="heights further from the shape are left out; 0: none"
