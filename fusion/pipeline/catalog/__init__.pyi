@@ -5,5 +5,4 @@ from .records import SHARED_STAGES as SHARED_STAGES
 from .records import read_record as read_record
 from .records import read_records as read_records
 from .rows import CATALOG_FILE as CATALOG_FILE
-from .soundness import unsound as unsound
 from .written_again import digests_of_written as digests_of_written
