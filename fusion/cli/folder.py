@@ -241,11 +241,11 @@ def _problems_after(
     None if that has to be found out anew, as for a maplet that cannot be read.
     """
     if not maplets:
-        return kept["content"]["problems"], kept["maplets"]
+        return kept["content"]["problems"], kept.get("maplets", "")
     from fusion.pipeline.catalog.soundness import judged_after
 
     try:
-        found = judged_after(Path(kept["home"]), kept["maplets"], maplets)
+        found = judged_after(Path(kept["home"]), kept.get("maplets", ""), maplets)
     except SpcolaError:
         return None
     if found is None:

@@ -24,10 +24,10 @@ from spcola.formats.maplets import read_map
 from spcola.formats.solution import read_landmark
 from spcola.formats.text import KM
 from spcola.grids import Maplet
-from spcola.shape import RayCaster, shape_heights
 
 if TYPE_CHECKING:
     from fusion.workspace import Workspace
+    from spcola.shape import RayCaster
 
 __all__ = [
     "COVERED",
@@ -299,6 +299,8 @@ def _read(maplets: Iterable[MapletFiles], caster: RayCaster | None) -> Iterator[
 
 def _caster(workspace: Workspace) -> RayCaster | None:
     """Return a ray caster of the shape; None if there is no readable shape."""
+    from spcola.shape import RayCaster  # noqa: PLC0415  # slow to import: only with a shape
+
     try:
         return RayCaster(workspace.shape()) if workspace.has_shape() else None
     except SpcolaError:
@@ -318,6 +320,8 @@ def _above_shape(
     has_heights = bool(np.isfinite(height).any())
     if caster is None:
         return has_heights, 0.0, nan, nan, nan, nan
+    from spcola.shape import shape_heights  # noqa: PLC0415  # slow to import: only with a shape
+
     coarse = replace(grid, gsd=grid.gsd * step, half_size=reach)
     shape = shape_heights(caster, coarse, reach=2.0 * coarse.radius)
     both = np.isfinite(height) & np.isfinite(shape)
