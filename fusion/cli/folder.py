@@ -121,15 +121,18 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
 
 def _described(made: Workspace) -> dict[str, Any]:
     """Return the content of a new workspace; one with very many files is remembered for `info`."""
+    from fusion.pipeline.catalog.records import RECORD_FOLDER
+    from fusion.runtime.folders import Remembered, make_folder
+
     # What changed within the last tick of the clock cannot be remembered.
     time.sleep(_TICK_S)
-    from fusion.runtime.folders import Remembered
 
     files = Remembered(made.root).listing()
     if _has_forecast(files):
         from fusion.inspection import describe_workspace
 
         return describe_workspace(made)
+    make_folder(made.root / RECORD_FOLDER)
     content, _ = _found_out(made.root, files)
     return {key: value for key, value in content.items() if key not in _FORECASTS}
 

@@ -5,7 +5,7 @@ fused maplets with their companions, kept items, and the records of finished sta
 catalogue and settings are removed, and `spcola init` makes it anew over these files, as over any
 folder of SPC. `spcola info --json` of it is timed in a process of its own, with the start of the
 program: for the first time, again, after one file was written again, after a command, and after one
-file was changed by hand, removed or added; at last with nothing known, so that all is read. What
+file was changed by hand, or removed; at last with nothing known, so that all is read. What
 the file system takes alone is timed in the same way: a process that lists all files with their
 states.
 
@@ -72,7 +72,8 @@ def main() -> None:
         times.print("first time after init")
         times.print("again")
         path = root / "mapolas" / "A00001.MAP"
-        atomic.write_bytes(path, path.read_bytes())
+        content = path.read_bytes()
+        atomic.write_bytes(path, content)
         times.print("after a file was written again")
         seconds_of("release", root)
         times.print("after a command")
@@ -87,8 +88,8 @@ def main() -> None:
         times.print("again")
         path.unlink()
         times.print("after a result was removed", limited=False)
-        atomic.write_bytes(path, path.with_name("A00002.MAP").read_bytes())
-        times.print("after a result was added", limited=False)
+        atomic.write_bytes(path, content)
+        times.print("after it was brought back", limited=False)
         forget(root)
         times.print("with nothing known: all is read", limited=False)
         print(f"files listed with their states, nothing else: {seconds_of_listing(root)}")
