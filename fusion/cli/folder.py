@@ -121,7 +121,7 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
 
 def _described(made: Workspace) -> dict[str, Any]:
     """Return the content of a new workspace; one with very many files is remembered for `info`."""
-    from fusion.pipeline.catalog.records import RECORD_FOLDER
+    from fusion.pipeline.catalog import RECORD_FOLDER
     from fusion.runtime.folders import Remembered, make_folder
 
     # What changed within the last tick of the clock cannot be remembered.
