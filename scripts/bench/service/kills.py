@@ -46,7 +46,12 @@ from scripts.bench.service.served import (  # noqa: E402
 )
 
 STAGES = ("mapolas", "register", "fuse", "bigmap", "scale", "release", "report")
-KEPT = (".items/*/[!.]*.npz", "scans/*.h5", "MAPFILES/*", "IMAGEFILES/*", "SUMFILES/*")
+# Without hidden files: one that is being written when the kill comes is no finished item.
+KEPT = (
+    ".items/*/[!.]*.npz",
+    "scans/[!.]*.h5",
+    *(f"{folder}/[!.]*" for folder in ("MAPFILES", "IMAGEFILES", "SUMFILES")),
+)
 ACCEPTED = ["epsilon-not-significant", "epsilon-not-separable"]
 PICTURES, SIZE = 60, 128
 ROUNDS = 4
