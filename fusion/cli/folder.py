@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -16,6 +17,7 @@ from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:
     from fusion.runtime.folders.remembered import Listing, Renewal
+    from fusion.workspace import Workspace
 
 # With so many files `spcola info` does not measure how long stages take, and is known already after
 # a command. Longer than a tick of the clock of most file systems, s.
@@ -51,7 +53,6 @@ def init(
     folder are unchanged.
     """
     # Imported here and not above, so that --help is fast.
-    from fusion.inspection import describe_workspace
     from fusion.workspace import SETTINGS_FILE, new_workspace
 
     isolation.apply(workspace)
@@ -65,7 +66,7 @@ def init(
         shape_unit=unit,
         faces_from=0 if faces_from == 0 else 1,
     )
-    content = describe_workspace(made)
+    content = _described(made)
     lines = [
         f"Made {made.root} ({body}): {content['maplets']} maplets, {content['landmarks']} "
         f"landmarks, {content['images']} images, shape: {content['shape'] or 'none'}",
@@ -118,6 +119,24 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
     return _found_out(path, before)
 
 
+def _described(made: Workspace) -> dict[str, Any]:
+    """Return the content of a new workspace; one with very many files is remembered for `info`."""
+    from fusion.pipeline.catalog import RECORD_FOLDER
+    from fusion.runtime.folders import Remembered, make_folder
+
+    # What changed within the last tick of the clock cannot be remembered.
+    time.sleep(_TICK_S)
+
+    files = Remembered(made.root).listing()
+    if _has_forecast(files):
+        from fusion.inspection import describe_workspace
+
+        return describe_workspace(made)
+    make_folder(made.root / RECORD_FOLDER)
+    content, _ = _found_out(made.root, files)
+    return {key: value for key, value in content.items() if key not in _FORECASTS}
+
+
 def remember_info(path: Path) -> None:
     """Find out what `info` prints after a command changed a workspace with very many files.
 
@@ -156,7 +175,14 @@ def _found_out(path: Path, before: Listing) -> tuple[dict[str, Any], list[str]]:
         forecast, mapolas = forecast_json(found), dict(found["mapolas"].details)
     content, lines = _with_forecast(path, facts.content, forecast, mapolas)
     standings = [one.as_json() for one in facts.standings.values()]
-    kept = {"content": content, "lines": lines, "home": opened.home, "standings": standings}
+    kept = {
+        "content": content,
+        "lines": lines,
+        "home": opened.home,
+        "standings": standings,
+        "scan_problems": facts.scan_problems,
+        "maplets": facts.maplets,
+    }
     outside = outside_files(opened, settings)
     Remembered(path).keep(before, kept, outside, {"roles": facts.roles.as_json()})
     return content, lines
@@ -182,8 +208,8 @@ def _with_forecast(
 def _renewed(path: Path, found: Renewal, *, has_forecast: bool) -> dict[str, Any] | None:
     """Return what is remembered with some files written; None if it has to be found out anew.
 
-    If only the content of stages' results has changed, so may have the states of stages, and the
-    forecast, but nothing else.
+    If only the content of stages' results, of maplets and of landmarks has changed, so may have the
+    states of stages, what is wrong with maplets, and the forecast, but nothing else.
     """
     from fusion.pipeline.catalog import digests_of_written
     from fusion.pipeline.standing import FileRoles, Standing, standings_after
@@ -197,10 +223,39 @@ def _renewed(path: Path, found: Renewal, *, has_forecast: bool) -> dict[str, Any
         return kept
     standings = [Standing.from_json(one) for one in kept["standings"]]
     roles = FileRoles.from_json(found.details["roles"])
-    after = None if has_forecast else standings_after(standings, roles, changed)
-    if after is None:
+    maplets = [one for one in changed if _is_of_a_maplet(one.name)]
+    plain = {one.name for one in maplets}
+    after = None if has_forecast else standings_after(standings, roles, changed, plain)
+    if after is None or (judged := _problems_after(kept, maplets)) is None:
         return None
-    content = {**kept["content"], "stages": {one.stage: one.state for one in after}}
+    problems, rows = judged
+    stages = {one.stage: one.state for one in after}
+    content = {**kept["content"], "problems": problems, "stages": stages}
     content, lines = _with_forecast(path, content, {}, {})
     now = {"content": content, "lines": lines, "standings": [one.as_json() for one in after]}
-    return {**kept, **now}
+    return {**kept, **now, "maplets": rows}
+
+
+def _problems_after(
+    kept: Mapping[str, Any], maplets: Sequence[tuple[str, str, str]]
+) -> tuple[list[str], str] | None:
+    """Return problems after files of maplets changed, and what those of maplets follow from.
+
+    None if that has to be found out anew, as for a maplet that cannot be read.
+    """
+    if not maplets:
+        return kept["content"]["problems"], kept.get("maplets", "")
+    from fusion.pipeline.catalog.soundness import judged_after
+
+    try:
+        found = judged_after(Path(kept["home"]), kept.get("maplets", ""), maplets)
+    except SpcolaError:
+        return None
+    if found is None:
+        return None
+    return [*kept["scan_problems"], *(one.text for one in found.unsound)], found.kept
+
+
+def _is_of_a_maplet(name: str) -> bool:
+    """Return whether a file, by its name in the catalogue, is a maplet or a landmark."""
+    return PurePath(name).match("MAPFILES/*.MAP") or PurePath(name).match("LMKFILES/*.LMK")

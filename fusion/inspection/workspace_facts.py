@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 from fusion.inspection.import_forecast import BYTES_PER_RETURN
 from fusion.pipeline import Pipeline
-from fusion.pipeline.catalog import Catalog, unsound
+from fusion.pipeline.catalog import Catalog
+from fusion.pipeline.catalog.soundness import judged
 from fusion.pipeline.standing import FileRoles, Standing
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
@@ -35,11 +36,17 @@ class WorkspaceFacts(NamedTuple):
         How each stage stands to its files.
     roles : FileRoles
         Which stages read and wrote which files when they last ran.
+    scan_problems : list of str
+        Those of the problems that are about scans.
+    maplets : str
+        Of what the others follow from (:attr:`Judged.kept`); empty if that is not kept.
     """
 
     content: dict[str, Any]
     standings: Mapping[str, Standing]
     roles: FileRoles
+    scan_problems: list[str]
+    maplets: str
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
@@ -73,9 +80,11 @@ def workspace_facts(workspace: Workspace) -> WorkspaceFacts:
             {record.stage: record.inputs for record in records},
             {record.stage: record.outputs for record in records},
         )
+        scan_problems = _scan_problems(workspace)
+        maplet_problems, maplets = _maplet_problems(workspace, catalog)
         found = {
             "stages": {name: one.state for name, one in standings.items()},
-            "problems": _problems(workspace, catalog),
+            "problems": [*scan_problems, *maplet_problems],
             "finished": {record.stage: record.finished for record in records},
             "images_not_used": {
                 record.stage: record.summary[NOT_USED]
@@ -101,7 +110,7 @@ def workspace_facts(workspace: Workspace) -> WorkspaceFacts:
         "import_memory_mb": (PROGRAM_BYTES + usable_cores() * per_worker) / 1e6,
         **found,
     }
-    return WorkspaceFacts(content, standings, roles)
+    return WorkspaceFacts(content, standings, roles, scan_problems, maplets)
 
 
 def describe_solution(workspace: Workspace) -> dict[str, Any]:
@@ -125,8 +134,8 @@ def describe_solution(workspace: Workspace) -> dict[str, Any]:
     }
 
 
-def _problems(workspace: Workspace, catalog: Catalog) -> list[str]:
-    """Return what is wrong with scans and maplets, so that commands refuse them."""
+def _scan_problems(workspace: Workspace) -> list[str]:
+    """Return what is wrong with scans, so that commands refuse them."""
     found = []
     for path in workspace.scan_paths():
         try:
@@ -136,8 +145,13 @@ def _problems(workspace: Workspace, catalog: Catalog) -> list[str]:
     for one, other in duplicate_scans(readable_scans(workspace)):
         first, second = workspace.scan_path(one), workspace.scan_path(other)
         found.append(f"{first} and {second} hold the same scan")
-    try:
-        found += [one.text for one in unsound(workspace, catalog)]
-    except SpcolaError as error:
-        found.append(str(error))
     return found
+
+
+def _maplet_problems(workspace: Workspace, catalog: Catalog) -> tuple[list[str], str]:
+    """Return what is wrong with maplets, and what that follows from (:attr:`Judged.kept`)."""
+    try:
+        found = judged(workspace, catalog)
+    except SpcolaError as error:
+        return [str(error)], ""
+    return [one.text for one in found.unsound], found.kept

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
@@ -108,9 +108,12 @@ class FileRoles:
 
 
 def standings_after(
-    standings: Iterable[Standing], roles: FileRoles, changes: Iterable[tuple[str, str, str]]
+    standings: Iterable[Standing],
+    roles: FileRoles,
+    changes: Iterable[tuple[str, str, str]],
+    plain: Collection[str] = (),
 ) -> list[Standing] | None:
-    """Return how stages stand to their files after results of stages got other content.
+    """Return how stages stand to their files after some of these got other content.
 
     Parameters
     ----------
@@ -121,16 +124,18 @@ def standings_after(
         not looked into, to know the states of stages.
     changes : iterable of (str, str, str)
         Name, digest before, and digest now of each file whose content changed.
+    plain : collection of str
+        Files that no stage wrote, but that are only compared too.
 
     Returns
     -------
     list of Standing or None
-        None if no stage wrote one of the files: then more than their digests may matter.
+        None if no stage wrote one of the other files: more than their digests may matter.
     """
     found = list(standings)
     for name, before, now in changes:
         its = roles.of(name)
-        if not its.writers:
+        if not its.writers and name not in plain:
             return None
         found = [one.after(name, before, now, its) for one in found]
     return found

@@ -1,9 +1,13 @@
 """Time of `spcola info` of a workspace whose catalogue has very many items.
 
 Makes a workspace of small maplets with all that stages leave for them: maplets, landmarks, mapolas,
-fused maplets with their companions, kept items, and the records of finished stages. Then times
-`spcola info --json` of it in a process of its own, with the start of the program: first, again,
-after one file was written again, after a command, and after one file was changed by hand.
+fused maplets with their companions, kept items, and the records of finished stages. Then its
+catalogue and settings are removed, and `spcola init` makes it anew over these files, as over any
+folder of SPC. `spcola info --json` of it is timed in a process of its own, with the start of the
+program: for the first time, again, after one file was written again, after a command, and after one
+file was changed by hand, or removed; at last with nothing known, so that all is read. What
+the file system takes alone is timed in the same way: a process that lists all files with their
+states.
 
     python scripts/bench/big_catalog.py [--items 100000] [--folder DIR]
 """
@@ -16,14 +20,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fusion.pipeline import Pipeline, opened
-from fusion.pipeline.catalog.records import StageRecord
+from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord
+from fusion.pipeline.catalog.rows import CATALOG_FILE
 from fusion.stages import load_stages
-from fusion.workspace import Workspace, new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
 from spcola import atomic
@@ -36,6 +42,16 @@ LIMIT_S = 1.0
 # Files and kept items for each maplet.
 _FILES = 8
 _RADIUS = 250.0
+_LISTING = """
+import os, sys
+waiting = sys.argv[1:]
+while waiting:
+    with os.scandir(waiting.pop()) as entries:
+        for entry in entries:
+            entry.stat()
+            if entry.is_dir():
+                waiting.append(entry.path)
+"""
 
 
 def main() -> None:
@@ -49,23 +65,53 @@ def main() -> None:
             begun = time.perf_counter()
             fill(new_workspace(root), options.items)
             print(f"made {options.items} items in {time.perf_counter() - begun:.0f} s")
-        limit = f"(limit {LIMIT_S:g} s)"
-        print(f"info, first time: {seconds_of_info(root)}")
-        print(f"info, again: {seconds_of_info(root)} {limit}")
+        print(f"files listed with their states, nothing else: {seconds_of_listing(root)}")
+        forget(root, SETTINGS_FILE)
+        print(f"init over these files: {seconds_of('init', root, '--spc', root)}")
+        times = Times(root)
+        times.print("first time after init")
+        times.print("again")
         path = root / "mapolas" / "A00001.MAP"
-        atomic.write_bytes(path, path.read_bytes())
-        print(f"info, after a file was written again: {seconds_of_info(root)}")
-        print(f"info, again: {seconds_of_info(root)} {limit}")
-        spcola("release", str(root))
-        print(f"info, after a command: {seconds_of_info(root)} {limit}")
+        content = path.read_bytes()
+        atomic.write_bytes(path, content)
+        times.print("after a file was written again")
+        seconds_of("release", root)
+        times.print("after a command")
         change(path)
-        print(f"info, after a result was changed by hand: {seconds_of_info(root)} {limit}")
+        times.print("after a result was changed by hand")
         change(path.with_name("A00002.MAP"))
-        print(f"info, after another one was changed: {seconds_of_info(root)} {limit}")
+        times.print("after another one was changed")
         change(root / "MAPFILES" / "A00001.MAP")
-        print(f"info, after a maplet was changed by hand: {seconds_of_info(root)}")
+        times.print("after a maplet was changed by hand")
+        change(root / "MAPFILES" / "A00002.MAP")
+        times.print("after another one was changed")
+        times.print("again")
         path.unlink()
-        print(f"info, after a result was removed: {seconds_of_info(root)}")
+        times.print("after a result was removed", limited=False)
+        atomic.write_bytes(path, content)
+        times.print("after it was brought back", limited=False)
+        forget(root)
+        times.print("with nothing known: all is read", limited=False)
+        print(f"files listed with their states, nothing else: {seconds_of_listing(root)}")
+
+
+@dataclass(frozen=True)
+class Times:
+    """Prints how long `spcola info` of a workspace takes."""
+
+    root: Path
+
+    def print(self, when: str, *, limited: bool = True) -> None:
+        limit = f" (limit {LIMIT_S:g} s)" if limited else ""
+        print(f"info, {when}: {seconds_of('info', self.root, '--json')}{limit}")
+
+
+def forget(root: Path, *more: str) -> None:
+    """Remove the catalogue, what commands remember of the workspace, and further files."""
+    for name in (CATALOG_FILE, *more):
+        (root / name).unlink()
+    for path in (root / RECORD_FOLDER).glob(".*"):
+        path.unlink()
 
 
 def fill(workspace: Workspace, items: int) -> None:
@@ -128,18 +174,22 @@ def change(path: Path) -> None:
     atomic.write_bytes(path, content[:-1] + bytes([content[-1] ^ 1]))
 
 
-def seconds_of_info(root: Path) -> str:
+def seconds_of(*arguments: object) -> str:
+    """Run a command of the program in a process of its own; return how long it took."""
+    return _seconds([sys.executable, "-m", "fusion.cli", *map(str, arguments)])
+
+
+def seconds_of_listing(root: Path) -> str:
+    """Return how long a process takes that asks for the states of all files."""
+    return _seconds([sys.executable, "-c", _LISTING, str(root)])
+
+
+def _seconds(program: list[str]) -> str:
     begun, before = time.perf_counter(), os.times()
-    spcola("info", str(root), "--json")
+    subprocess.run(program, check=True, stdout=subprocess.DEVNULL)
     now = os.times()
     used = now.children_user + now.children_system - before.children_user - before.children_system
     return f"{time.perf_counter() - begun:.2f} s, {used:.2f} s of processor time"
-
-
-def spcola(*arguments: str) -> None:
-    """Run a command of the program in a process of its own."""
-    program = [sys.executable, "-m", "fusion.cli", *arguments]
-    subprocess.run(program, check=True, stdout=subprocess.DEVNULL)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """Landmarks, their overlaps, and the change of a solution's scale."""
 
-from spcola.control.landmark import Landmark, MapOverlap
-from spcola.control.overlaps import map_overlap, overlaps_of
-from spcola.control.scaling import scaled
+import lazy_loader
 
-__all__ = ["Landmark", "MapOverlap", "map_overlap", "overlaps_of", "scaled"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

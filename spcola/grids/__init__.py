@@ -1,13 +1,5 @@
 """Maplets and their grids: sampling, projection onto another grid, gaps."""
 
-from spcola.grids.maplet import Maplet, MapletGrid, overlaps
-from spcola.grids.regrid import ProjectedMaplet, project_maplet, project_window
+import lazy_loader
 
-__all__ = [
-    "Maplet",
-    "MapletGrid",
-    "ProjectedMaplet",
-    "overlaps",
-    "project_maplet",
-    "project_window",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

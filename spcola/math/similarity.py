@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray, check_axes, check_finite, frozen
 from spcola.errors import FrameMismatchError, InvalidValueError
@@ -139,12 +138,16 @@ class Similarity:
         target, source : str
             Names of the frames.
         """
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415  # slow to import
+
         matrix = Rotation.from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix()
         return cls(matrix, np.asarray(translation, dtype=np.float64), scale, target, source)
 
     @property
     def rotation_vector(self) -> FloatArray:
         """The rotation as axis times angle (3,), radians."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415  # slow to import
+
         return Rotation.from_matrix(self.rotation).as_rotvec()
 
     def apply(self, points: ArrayLike) -> FloatArray:

@@ -8,25 +8,38 @@ with the shape. The limits come from how well most maplets of the solution agree
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fusion.estimation.verdict import Cause, Code, Finding, Severity
-from fusion.pipeline.catalog.catalog import Catalog
+from fusion.pipeline.catalog.maplet_facts import (
+    COVERED,
+    MapletFacts,
+    facts_after,
+    facts_of,
+    maplet_files,
+)
 from fusion.runtime import content_digest
-from fusion.workspace import Workspace
-from spcola.arrays import BoolArray, FloatArray
-from spcola.control import Landmark
-from spcola.errors import SpcolaError
-from spcola.formats.maplets import read_map
+from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.formats.text import KM
-from spcola.grids import MapletGrid
-from spcola.shape import RayCaster, shape_heights
+
+if TYPE_CHECKING:
+    from fusion.pipeline.catalog.catalog import Catalog
+    from fusion.workspace import Workspace
+
+__all__ = [
+    "Judged",
+    "Unsound",
+    "judged",
+    "judged_after",
+    "rejected_maplets",
+    "unsound",
+    "unsound_maplets",
+]
 
 AXES_TOLERANCE = 3e-7
 """Scalar products of axes that were rounded to four bytes differ by less from 0 and 1."""
@@ -45,8 +58,6 @@ _SIGMA_SHARE = 0.01
 _SIGMA_FACTOR = 1e3
 # Landmark files have ten digits, and unit vectors are normalised when they are read.
 _PRINTED = 1e-9
-# Rays to the shape along half a side of a maplet.
-_RAYS = 6
 # A GSD that differs by less than this from one that so many maplets share is an error.
 _SHARED, _NEARLY = 3, 1e-3
 # Increased whenever other maplets would be found.
@@ -75,34 +86,22 @@ class Unsound:
         return Finding(Code.UNSOUND_MAPLET, Severity.NOTE, text)
 
 
-@dataclass(frozen=True, eq=False)
-class _Stated:
-    """One maplet, its landmark, and the heights that are compared.
+class Judged(NamedTuple):
+    """The unsound maplets of a workspace, and what they were found by.
 
     Attributes
     ----------
-    name : str
-    grid : MapletGrid
-    sigma : (3,) ndarray
-        Sigmas of its centre, metres; NaN if not stated.
-    sigma_size : float
-        Magnitude of the sigma in the file, metres.
-    landmark : Landmark or None
-    height, shape : (K, K) ndarray
-        Heights of some grid points, of the maplet and the shape, metres; NaN where unknown.
+    unsound : tuple of Unsound
+    kept : str
+        Of the rows of all maplets (:attr:`MapletFacts.kept`).
     """
 
-    name: str
-    grid: MapletGrid
-    sigma: FloatArray
-    sigma_size: float
-    landmark: Landmark | None
-    height: FloatArray
-    shape: FloatArray
+    unsound: tuple[Unsound, ...]
+    kept: str
 
 
 def unsound_maplets(workspace: Workspace) -> tuple[Unsound, ...]:
-    """Return the maplets of a workspace that contradict other files.
+    """Return the maplets of a workspace that contradict other files; all are read.
 
     Frames are compared with those of the landmarks. The limit is the rounding of both files if nine
     of ten agree so well, else ten times the 90th percentile of the misfits. Without a landmark axes
@@ -113,55 +112,62 @@ def unsound_maplets(workspace: Workspace) -> tuple[Unsound, ...]:
     SpcolaError
         If a file cannot be read.
     """
-    names = workspace.maplet_names()
-    landmarks = set(workspace.landmark_names())
-    caster = _caster(workspace)
-    stated = [_stated(workspace, name, name in landmarks, caster) for name in names]
+    return _unsound_of(facts_of(workspace, maplet_files(workspace)))
+
+
+def judged(workspace: Workspace, catalog: Catalog) -> Judged:
+    """Return the result of :func:`unsound_maplets`; only maplets that have changed are read.
+
+    Raises
+    ------
+    SpcolaError
+        If a file cannot be read.
+    """
+    maplets = maplet_files(workspace)
+    landmarks = [one.landmark for one in maplets if one.landmark is not None]
+    shape = [workspace.shape_path()] if workspace.has_shape() else []
+    digests = catalog.digests([*(one.path for one in maplets), *landmarks, *shape])
+    body = workspace.settings().body
+    given = [body.shape_unit, body.faces_from, body.icq_edges] if shape else []
+    key = content_digest({"version": _VERSION, "files": digests, "shape": given})
+
+    def found() -> dict[str, Any]:
+        facts = facts_of(workspace, maplets, digests)
+        return {"kept": facts.kept, "unsound": [[u.name, u.why] for u in _unsound_of(facts)]}
+
+    content = catalog.cached("unsound", key, found)
+    return Judged(tuple(Unsound(name, why) for name, why in content["unsound"]), content["kept"])
+
+
+def judged_after(home: Path, kept: str, changes: Iterable[tuple[str, str, str]]) -> Judged | None:
+    """Return what :func:`judged` does after some files got other content; None if unknown.
+
+    Parameters
+    ----------
+    home, kept, changes
+        As :func:`facts_after`.
+
+    Raises
+    ------
+    SpcolaError
+        If a maplet cannot be read.
+    """
+    facts = facts_after(home, kept, changes)
+    return None if facts is None else Judged(_unsound_of(facts), facts.kept)
+
+
+def unsound(workspace: Workspace, catalog: Catalog) -> tuple[Unsound, ...]:
+    """Return the unsound maplets of :func:`judged`."""
+    return judged(workspace, catalog).unsound
+
+
+def _unsound_of(facts: MapletFacts) -> tuple[Unsound, ...]:
+    """Return the maplets that a check finds, each with what the first one finds."""
     found: dict[str, str] = {}
     for check in (_frames, _axes, _spacings, _sigmas, _heights):
-        for name, why in check(stated):
-            found.setdefault(name, why)
+        for place, why in check(facts.rows):
+            found.setdefault(facts.names[place], why)
     return tuple(Unsound(name, why) for name, why in found.items())
-
-
-def soundness_files(workspace: Workspace) -> list[Path]:
-    """Return the files that :func:`unsound_maplets` reads."""
-    maplets = [workspace.maplet_path(name) for name in workspace.maplet_names()]
-    known = {path.stem for path in maplets}
-    landmarks = [workspace.landmark_path(n) for n in workspace.landmark_names() if n in known]
-    shape = [workspace.shape_path()] if workspace.has_shape() else []
-    return [*maplets, *(path for path in landmarks if path.is_file()), *shape]
-
-
-def _caster(workspace: Workspace) -> RayCaster | None:
-    """Return a ray caster of the shape; None if there is no readable shape."""
-    try:
-        return RayCaster(workspace.shape()) if workspace.has_shape() else None
-    except SpcolaError:
-        # The stages that need the shape report what is wrong with it.
-        return None
-
-
-def _stated(
-    workspace: Workspace, name: str, has_landmark: bool, caster: RayCaster | None
-) -> _Stated:
-    """Read one maplet and what it is compared with."""
-    read = read_map(workspace.maplet_path(name), name=name)
-    maplet, grid, landmark = read.maplet, read.maplet.grid, None
-    if has_landmark and workspace.landmark_path(name).is_file():
-        # The stage that needs a landmark reports one that cannot be read.
-        with suppress(SpcolaError):
-            landmark = workspace.landmark(name)
-    step = max(1, grid.half_size // _RAYS)
-    reach = grid.half_size // step
-    kept = slice(grid.half_size - reach * step, grid.half_size + reach * step + 1, step)
-    height = maplet.height[kept, kept]
-    shape = np.full(height.shape, np.nan)
-    if caster is not None:
-        coarse = replace(grid, gsd=grid.gsd * step, half_size=reach)
-        shape = shape_heights(caster, coarse, reach=2.0 * coarse.radius)
-    size = read.header.sigma_size_km * KM
-    return _Stated(name, grid, maplet.center_sigma, size, landmark, height, shape)
 
 
 def _limit(misfits: FloatArray) -> float:
@@ -176,120 +182,97 @@ def _rounding(values: FloatArray | float) -> FloatArray:
     return half
 
 
-def _misfits(
-    stated: Sequence[_Stated], misfit: Callable[[_Stated, Landmark], float]
-) -> Iterator[tuple[_Stated, Landmark]]:
-    """Yield the maplets that misfit their landmarks by more than the limit."""
-    pairs = [(one, one.landmark) for one in stated if one.landmark is not None]
-    if not pairs:
-        return
-    found = np.array([misfit(one, landmark) for one, landmark in pairs])
-    limit = _limit(found)
-    yield from (pair for pair, value in zip(pairs, found, strict=True) if value > limit)
+def _beyond(misfit: FloatArray, places: IntArray) -> Iterator[int]:
+    """Yield which of some maplets misfit by more than the limit, of the places of those."""
+    if len(misfit):
+        yield from places[misfit > _limit(misfit)].tolist()
 
 
-def _frames(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
+def _frames(rows: AnyArray) -> Iterator[tuple[int, str]]:
     """Compare V, axes and GSD with those of the landmarks."""
-
-    def of_centers(one: _Stated, landmark: Landmark) -> float:
-        center = one.grid.center / KM
-        allowed = _rounding(center) + _PRINTED * np.abs(center)
-        return float(np.max(np.abs(center - landmark.grid.center / KM) / allowed))
-
-    def of_axes(one: _Stated, landmark: Landmark) -> float:
-        allowed = _rounding(one.grid.axes) + _PRINTED
-        return float(np.max(np.abs(one.grid.axes - landmark.grid.axes) / allowed))
-
-    def of_spacings(one: _Stated, landmark: Landmark) -> float:
-        gsd = one.grid.gsd / KM
-        return float(abs(gsd - landmark.grid.gsd / KM) / (_rounding(gsd) + _PRINTED * gsd))
-
-    for one, landmark in _misfits(stated, of_centers):
-        away = float(np.linalg.norm(one.grid.center - landmark.grid.center))
-        yield one.name, f"V lies {away:.3g} m from that of its landmark"
-    for one, landmark in _misfits(stated, of_axes):
-        off = float(np.max(np.abs(one.grid.axes - landmark.grid.axes)))
-        yield one.name, f"an axis is off by {off:.2g} from that of its landmark"
-    for one, landmark in _misfits(stated, of_spacings):
-        yield one.name, f"the GSD is {one.grid.gsd:.9g} m, its landmark has {landmark.grid.gsd:.9g}"
+    places = np.flatnonzero(rows["has_landmark"])
+    its = rows[places]
+    center, other = its["center"] / KM, its["landmark_center"] / KM
+    allowed = _rounding(center) + _PRINTED * np.abs(center)
+    for place in _beyond(np.max(np.abs(center - other) / allowed, axis=1), places):
+        away = float(np.linalg.norm(rows["center"][place] - rows["landmark_center"][place]))
+        yield place, f"V lies {away:.3g} m from that of its landmark"
+    off = np.abs(its["axes"] - its["landmark_axes"])
+    for place in _beyond(np.max(off / (_rounding(its["axes"]) + _PRINTED), axis=(1, 2)), places):
+        most = float(np.max(np.abs(rows["axes"][place] - rows["landmark_axes"][place])))
+        yield place, f"an axis is off by {most:.2g} from that of its landmark"
+    gsd = its["gsd"] / KM
+    misfit = np.abs(gsd - its["landmark_gsd"] / KM) / (_rounding(gsd) + _PRINTED * gsd)
+    for place in _beyond(misfit, places):
+        own, one = rows["gsd"][place], rows["landmark_gsd"][place]
+        yield place, f"the GSD is {own:.9g} m, its landmark has {one:.9g}"
 
 
-def _axes(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
+def _axes(rows: AnyArray) -> Iterator[tuple[int, str]]:
     """Find axes that are less orthonormal than rounding explains."""
-    off = np.array([np.max(np.abs(one.grid.axes @ one.grid.axes.T - np.eye(3))) for one in stated])
+    axes = rows["axes"]
+    off = np.max(np.abs(axes @ axes.transpose(0, 2, 1) - np.eye(3)), axis=(1, 2))
     if len(off):
         limit = AXES_TOLERANCE * _limit(off / AXES_TOLERANCE)
-        for one, value in zip(stated, off, strict=True):
-            if value > limit:
-                yield one.name, f"its axes are off by {value:.2g} from orthonormal"
+        for place in np.flatnonzero(off > limit).tolist():
+            yield place, f"its axes are off by {off[place]:.2g} from orthonormal"
 
 
-def _spacings(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
+def _spacings(rows: AnyArray) -> Iterator[tuple[int, str]]:
     """Find a GSD that is nearly, but not exactly, one that three others share."""
-    counts = Counter(one.grid.gsd for one in stated)
+    all_gsd = rows["gsd"].tolist()
+    counts = Counter(all_gsd)
     shared = np.array([gsd for gsd, count in counts.items() if count >= _SHARED])
-    for one in stated:
-        near = np.abs(one.grid.gsd / shared - 1.0) < _NEARLY if len(shared) else np.array([])
-        if counts[one.grid.gsd] == 1 and near.any():
-            other = float(shared[near][0])
-            yield one.name, f"the GSD is {one.grid.gsd:.9g} m, that of others {other:.9g}"
+    for place, own in enumerate(all_gsd):
+        near = shared[np.abs(own / shared - 1.0) < _NEARLY] if counts[own] == 1 else shared[:0]
+        if len(near):
+            yield place, f"the GSD is {own:.9g} m, that of others {float(near[0]):.9g}"
 
 
-def _sigmas(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
+def _sigmas(rows: AnyArray) -> Iterator[tuple[int, str]]:
     """Compare sigmas of the centres with those of the landmarks and of all maplets."""
-    known = [
-        replace(one, landmark=None)
-        if one.landmark is None or not np.all(one.landmark.sigma >= 0.0)
-        else one
-        for one in stated
-    ]
-
-    def of_sizes(one: _Stated, landmark: Landmark) -> float:
-        size, other = one.sigma_size / KM, float(np.linalg.norm(landmark.sigma)) / KM
-        return float(abs(size - other) / (_SIGMA_SHARE * other + 1e-30))
-
-    def of_directions(one: _Stated, landmark: Landmark) -> float:
-        if not np.isfinite(one.sigma).all():
-            return float("inf")
-        allowed = float(np.linalg.norm(landmark.sigma)) / 255.0 + 1e-12
-        return float(np.max(np.abs(one.sigma - landmark.sigma)) / allowed)
-
+    stated = rows["has_landmark"] & np.all(rows["landmark_sigma"] >= 0.0, axis=1)
+    places = np.flatnonzero(stated)
+    its = rows[places]
+    size = np.linalg.norm(its["landmark_sigma"], axis=1)
+    off = np.abs(its["sigma_size"] / KM - size / KM)
+    of_sizes = off / (_SIGMA_SHARE * size / KM + 1e-30)
+    away = np.max(np.abs(its["sigma"] - its["landmark_sigma"]), axis=1, initial=0.0)
+    known = np.isfinite(its["sigma"]).all(axis=1)
+    of_directions = np.where(known, away / (size / 255.0 + 1e-12), np.inf)
     for misfit in (of_sizes, of_directions):
-        for one, landmark in _misfits(known, misfit):
-            yield (
-                one.name,
-                f"sigma of V is {_listed(one.sigma)} m, its landmark has "
-                + _listed(landmark.sigma),
-            )
-    usual = np.median([one.sigma for one in stated], axis=0) if stated else np.zeros(3)
-    for one in stated:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = one.sigma / usual
-        if np.any((usual > 0.0) & ~((ratio > 1.0 / _SIGMA_FACTOR) & (ratio < _SIGMA_FACTOR))):
-            yield one.name, f"sigma of V is {_listed(one.sigma)} m, usual is {_listed(usual)} m"
-
-
-def _heights(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
-    """Compare heights with the shape: their offset, scatter and scale."""
-    both = [np.isfinite(one.height) & np.isfinite(one.shape) for one in stated]
-    seen = np.array([mask.mean() for mask in both])
-    if not len(seen) or np.mean(seen > 0.5) < _SHARE:
+        for place in _beyond(misfit, places):
+            listed = [_listed(rows[one][place]) for one in ("sigma", "landmark_sigma")]
+            yield place, f"sigma of V is {listed[0]} m, its landmark has {listed[1]}"
+    if not len(rows):
         return
-    for one, share in zip(stated, seen, strict=True):
-        if share == 0.0 and np.isfinite(one.height).any():
-            yield one.name, "it does not lie near the shape"
-    chosen = [(one, mask) for one, mask in zip(stated, both, strict=True) if mask.mean() > 0.5]
-    gaps = [one.height[mask] - one.shape[mask] for one, mask in chosen]
-    offset = np.array([abs(np.mean(gap)) for gap in gaps])
-    farthest = LOOSE * float(np.percentile(offset, 100.0 * _SHARE, method="lower"))
-    scatter = np.array([np.std(gap) for gap in gaps])
-    most = _most_scatter(scatter)
-    for (one, _), away, rough in zip(chosen, offset, scatter, strict=True):
-        if away > max(farthest, one.grid.gsd):
-            yield one.name, f"its heights lie on average {away:.3g} m from the shape"
+    usual = np.median(rows["sigma"], axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = rows["sigma"] / usual
+    odd = (usual > 0.0) & ~((ratio > 1.0 / _SIGMA_FACTOR) & (ratio < _SIGMA_FACTOR))
+    for place in np.flatnonzero(odd.any(axis=1)).tolist():
+        own = _listed(rows["sigma"][place])
+        yield place, f"sigma of V is {own} m, usual is {_listed(usual)} m"
+
+
+def _heights(rows: AnyArray) -> Iterator[tuple[int, str]]:
+    """Compare heights with the shape: their offset, scatter and scale."""
+    covered = rows["seen"] > COVERED
+    if not len(rows) or np.mean(covered) < _SHARE:
+        return
+    chosen = np.flatnonzero(covered)
+    for place in np.flatnonzero((rows["seen"] == 0.0) & rows["has_heights"]).tolist():
+        yield place, "it does not lie near the shape"
+    its = rows[chosen]
+    farthest = LOOSE * float(np.percentile(its["offset"], 100.0 * _SHARE, method="lower"))
+    most = _most_scatter(its["scatter"])
+    for place in chosen.tolist():
+        away, rough, gsd = (float(rows[one][place]) for one in ("offset", "scatter", "gsd"))
+        if away > max(farthest, gsd):
+            yield place, f"its heights lie on average {away:.3g} m from the shape"
         if rough > most:
-            yield one.name, f"its heights scatter by {rough:.3g} m about the shape"
-    yield from _gains(chosen, float(np.median(scatter)))
+            yield place, f"its heights scatter by {rough:.3g} m about the shape"
+    yield from _gains(its, chosen)
 
 
 def _most_scatter(scatter: FloatArray) -> float:
@@ -302,45 +285,23 @@ def _most_scatter(scatter: FloatArray) -> float:
     return float(np.exp(middle + max(np.log(MOST_SCATTER), MOST_SIGMAS * spread)))
 
 
-def _gains(
-    chosen: Sequence[tuple[_Stated, BoolArray]], scatter: float
-) -> Iterator[tuple[str, str]]:
-    """Find heights that are too large or too small by a factor.
-
-    `scatter` is the median over all maplets of the scatter of heights about the shape, metres.
-    """
-    relief = np.array([np.std(one.shape[mask]) for one, mask in chosen])
-    if len(relief) < _FEWEST or not scatter > 0.0:
+def _gains(its: AnyArray, places: IntArray) -> Iterator[tuple[int, str]]:
+    """Find heights that are too large or too small by a factor, of maplets at these places."""
+    scatter, gain = float(np.median(its["scatter"])), its["gain"]
+    if len(its) < _FEWEST or not scatter > 0.0:
         return
-    gain = np.array([_gain(one.shape[mask], one.height[mask]) for one, mask in chosen])
     away = gain - np.median(gain)
     # The factor cannot be determined from a maplet without relief.
-    sigmas = away * relief / scatter
+    sigmas = away * its["relief"] / scatter
     spread = 1.4826 * float(np.median(np.abs(sigmas - np.median(sigmas))))
-    for (one, _), factor, far, size in zip(chosen, gain, away, sigmas, strict=True):
-        if abs(far) > MOST_GAIN and abs(size) > MOST_SIGMAS * spread:
-            yield one.name, f"its heights are {factor:.4g} times those of the shape"
-
-
-def _gain(shape: FloatArray, height: FloatArray) -> float:
-    """Return the slope of the regression of heights on those of the shape."""
-    flat = shape - shape.mean()
-    return float(np.sum(flat * (height - height.mean())) / max(np.sum(flat**2), 1e-300))
+    odd = (np.abs(away) > MOST_GAIN) & (np.abs(sigmas) > MOST_SIGMAS * spread)
+    for place in np.flatnonzero(odd).tolist():
+        factor = float(gain[place])
+        yield places[place], f"its heights are {factor:.4g} times those of the shape"
 
 
 def _listed(values: FloatArray) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
-
-
-def unsound(workspace: Workspace, catalog: Catalog) -> tuple[Unsound, ...]:
-    """Return the result of :func:`unsound_maplets`, computed once as long as no file changes."""
-    files = catalog.digests(soundness_files(workspace))
-    key = content_digest({"version": _VERSION, "files": files})
-
-    def found() -> list[list[str]]:
-        return [[one.name, one.why] for one in unsound_maplets(workspace)]
-
-    return tuple(Unsound(name, why) for name, why in catalog.cached("unsound", key, found))
 
 
 def _is_outlier(entry: Mapping[str, Any]) -> bool:

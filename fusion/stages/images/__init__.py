@@ -3,8 +3,9 @@
 from fusion.stages.images.candidates import isd_file
 from fusion.stages.images.catalogue import count_images
 from fusion.stages.images.choice import StateChoice, StateKind
-from fusion.stages.images.importing import ImportOptions, import_images
+from fusion.stages.images.importing import import_images
 from fusion.stages.images.pixels import Recipe
+from fusion.stages.images.planning import ImportOptions
 from fusion.stages.images.triage import triage_images
 from fusion.stages.images.turns import Turn
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,45 +18,27 @@ from fusion.stages.images.candidates import images_among
 from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
 from fusion.stages.images.choice import StateChoice, StateKind
 from fusion.stages.images.doubts import StateDoubt, find_doubts
-from fusion.stages.images.opened import OpenedImage, names_of, open_images
+from fusion.stages.images.opened import OpenedImage, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
+from fusion.stages.images.planning import (
+    ImportOptions,
+    Planned,
+    known_images,
+    plan_images,
+    turned_size,
+)
 from fusion.stages.images.record import ImageRecord, PixelFacts
-from fusion.stages.images.sources import Sighting, find_sightings, stated_times
-from fusion.stages.images.turns import Turn
+from fusion.stages.images.sources import find_sightings
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
 from spcola.camera.linescan import LineScanImage
-from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.solution.exact_camera import stored_camera
 
-__all__ = ["ImportOptions", "Imported", "import_images"]
+__all__ = ["Imported", "import_images"]
 _LOCK = ".images.lock"
 ITEM_PLACE = Path(".items") / "images"
 ITEM_VERSION = f"{spcola.__version__} images 3"
-
-
-@dataclass(frozen=True, eq=False)
-class ImportOptions:
-    """How images come in.
-
-    Parameters
-    ----------
-    recipe : Recipe
-    states : StateChoice
-    letter : str
-        First character of the names; see :func:`fusion.stages.images.opened.names_of`.
-    filters : tuple of str
-        Only images of these filters come in; all if empty.
-    size : (2,) of int, optional
-        Samples and lines of .DAT files.
-    """
-
-    recipe: Recipe = field(default_factory=Recipe)
-    states: StateChoice = field(default_factory=StateChoice)
-    letter: str = ""
-    filters: tuple[str, ...] = ()
-    size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +111,8 @@ def import_images(
         opened = open_images(given, executor, size=options.size)
         images = [image for image in opened if _is_wanted(image, options.filters)]
         found = find_sightings(workspace, images, options.states)
-        known = _known(workspace, images, catalogue, options)
-        planned = _plan(workspace, images, found.sightings, known, catalogue, options)
+        known = known_images(workspace, images, catalogue, options)
+        planned = plan_images(workspace, images, found.sightings, known, catalogue, options)
         stated = {one.name: one.sighting for one in planned if one.sighting is not None}
         doubts = find_doubts(workspace, stated)
         fresh = [one for one in planned if one.image.digest not in known]
@@ -148,15 +130,6 @@ def import_images(
     old = [record for digest, record in known.items()]
     filtered = len(opened) - len(images)
     return Imported(tuple(new), tuple(old), filtered, found.remarks, doubts)
-
-
-@dataclass(frozen=True, eq=False)
-class _Planned:
-    """An image with its name and state."""
-
-    name: str
-    image: OpenedImage
-    sighting: Sighting | None
 
 
 @contextmanager
@@ -184,108 +157,9 @@ def _is_wanted(image: OpenedImage, filters: tuple[str, ...]) -> bool:
     return not filters or (image.filter or "") in filters
 
 
-def _known(
-    workspace: Workspace,
-    images: Iterable[OpenedImage],
-    catalogue: Mapping[str, ImageRecord],
-    options: ImportOptions,
-) -> dict[str, ImageRecord]:
-    """Return the records of images that are in the catalogue with their pixels, by digest."""
-    by_digest = {
-        record.digest: record
-        for record in catalogue.values()
-        if workspace.exposure_path(record.name).is_file()
-    }
-    recipe = options.recipe.digest
-    known = {}
-    for image in images:
-        record = by_digest.get(image.digest)
-        if record is None:
-            continue
-        if record.recipe != recipe:
-            raise WorkspaceError(
-                f"is there already as {record.name}, prepared with other --dark, --flat, "
-                "--smear-s, --bits, --gamma, thresholds or --orientation",
-                image.path,
-                f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
-            )
-        if record.size != _turned_size(image, options):
-            raise WorkspaceError(
-                f"is there already as {record.name}, read as {record.size[0]} × {record.size[1]} "
-                f"pixels and not as {image.size[0]} × {image.size[1]}",
-                image.path,
-                f"correct --size or the label, or remove IMAGEFILES/{record.name}.DAT first",
-            )
-        known[image.digest] = record
-    return known
-
-
-def _plan(
-    workspace: Workspace,
-    images: Sequence[OpenedImage],
-    sightings: Mapping[str, Sighting],
-    known: Mapping[str, ImageRecord],
-    catalogue: Mapping[str, ImageRecord],
-    options: ImportOptions,
-) -> list[_Planned]:
-    """Return what is to be written, after checking names and sizes."""
-    times = stated_times(images, options.states)
-    times |= {digest: one.state.time for digest, one in sightings.items()}
-    new = [image for image in images if image.digest not in known]
-    names = {**names_of(new, times, options.letter), **{d: r.name for d, r in known.items()}}
-    planned = []
-    for image in images:
-        name, sighting = names[image.digest], sightings.get(image.digest)
-        one = _Planned(name, image, sighting)
-        if image.digest in known and (sighting is None or known[image.digest].state is not None):
-            continue
-        other = catalogue.get(name)
-        if other is not None and other.digest != image.digest:
-            raise InvalidValueError(
-                f"gets the name {name}, which {other.source} has",
-                image.path,
-                "rename the file, or give another --letter",
-            )
-        _check_size(workspace, one, options)
-        planned.append(one)
-    return planned
-
-
-def _check_size(workspace: Workspace, one: _Planned, options: ImportOptions) -> None:
-    """Refuse an image of another size than its camera."""
-    width, height = _turned_size(one.image, options)
-    turn = options.recipe.turn
-    if one.sighting is not None and one.sighting.scan is not None and turn is not Turn.AS_STORED:
-        raise InvalidValueError(
-            f"cannot be turned ({turn}): its lines were exposed one after the other",
-            one.image.path,
-            "leave --orientation out",
-        )
-    if one.sighting is not None:
-        size, where = one.sighting.size, one.sighting.camera_origin
-    elif workspace.image_path(one.name).is_file():
-        size, where = workspace.image(one.name).size, str(workspace.image_path(one.name))
-    elif workspace.line_scan_path(one.name).is_file():
-        size, where = workspace.line_scan(one.name).size, str(workspace.line_scan_path(one.name))
-    else:
-        return
-    if size != (width, height):
-        raise InvalidValueError(
-            f"has {width} × {height} pixels, its camera in {where} {size[0]} × {size[1]}",
-            one.image.path,
-            "give the camera of this image",
-        )
-
-
-def _turned_size(image: OpenedImage, options: ImportOptions) -> tuple[int, int]:
-    """Return samples and lines of the .DAT file."""
-    width, height = image.size
-    return (height, width) if options.recipe.turn.exchanges else (width, height)
-
-
 def _all_pixels(
     workspace: Workspace,
-    planned: Sequence[_Planned],
+    planned: Sequence[Planned],
     options: ImportOptions,
     executor: Executor,
     progress: Progress,
@@ -317,7 +191,7 @@ class _Bringing:
     store: ItemStore
     workspace: Workspace
 
-    def image(self, one: _Planned) -> PixelFacts:
+    def image(self, one: Planned) -> PixelFacts:
         """Return the facts of an image whose .DAT file is there."""
         target = self.workspace.exposure_path(one.name)
         work = PixelWork(one.image.path, self.options.size, target)
@@ -335,7 +209,7 @@ class _Bringing:
 
 def _record(
     workspace: Workspace,
-    one: _Planned,
+    one: Planned,
     facts: PixelFacts | None,
     options: ImportOptions,
     known: ImageRecord | None,
@@ -361,7 +235,7 @@ def _record(
     assert facts is not None
     return ImageRecord(
         one.name, image.original, str(image.path.absolute()), image.digest, options.recipe.digest,
-        str(options.recipe.turn), _turned_size(image, options), facts, image.label, state, camera,
+        str(options.recipe.turn), turned_size(image, options), facts, image.label, state, camera,
         notes, fit,
     )  # fmt: skip
 
@@ -378,7 +252,7 @@ def _lasting(record: ImageRecord, lasting: Callable[[str], str]) -> ImageRecord:
 
 def _write_states(
     workspace: Workspace,
-    planned: Sequence[_Planned],
+    planned: Sequence[Planned],
     records: Sequence[ImageRecord],
     recipe: Recipe,
 ) -> None:

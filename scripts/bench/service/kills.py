@@ -16,13 +16,11 @@ again; `left` are files that no undisturbed run leaves, in the workspace or of t
 from __future__ import annotations
 
 import argparse
-import hashlib
 import os
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,39 +31,30 @@ import numpy as np
 BENCH = Path(__file__).parents[1]
 sys.path[:0] = [str(BENCH), str(BENCH.parents[1] / "tests" / "helpers")]
 from images import make_different  # noqa: E402
-from kills import differing, digests_of, run  # noqa: E402
-from server_process import ServerProcess  # noqa: E402
+from kills import differing, run  # noqa: E402
 from star_cruise import Cruise  # noqa: E402
 
-from fusion.service.state import STATE_FOLDER  # noqa: E402
 from fusion.workspace import SETTINGS_FILE, Workspace  # noqa: E402
 from fusion.workspace.settings import Settings, write_settings  # noqa: E402
+from scripts.bench.service.served import (  # noqa: E402
+    Served,
+    Step,
+    awaited,
+    job_of,
+    submit,
+    upload,
+)
 
 STAGES = ("mapolas", "register", "fuse", "bigmap", "scale", "release", "report")
-KEPT = (".items/*/[!.]*.npz", "scans/*.h5", "MAPFILES/*", "IMAGEFILES/*", "SUMFILES/*")
+# Without hidden files: one that is being written when the kill comes is no finished item.
+KEPT = (
+    ".items/*/[!.]*.npz",
+    "scans/[!.]*.h5",
+    *(f"{folder}/[!.]*" for folder in ("MAPFILES", "IMAGEFILES", "SUMFILES")),
+)
 ACCEPTED = ["epsilon-not-significant", "epsilon-not-separable"]
 PICTURES, SIZE = 60, 128
 ROUNDS = 4
-PATIENCE_S = 300.0
-
-
-@dataclass(frozen=True)
-class Step:
-    """A job that is killed.
-
-    Attributes
-    ----------
-    title, workspace, kind : str
-    parameters : dict
-    files : dict
-        Files, or lists of files, that are uploaded and named by these parameters.
-    """
-
-    title: str
-    workspace: str
-    kind: str
-    parameters: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, Path | list[Path]] = field(default_factory=dict)
 
 
 @dataclass
@@ -100,108 +89,6 @@ class After:
     seconds: float
     files: dict[str, str]
     aside: set[str]
-
-
-class Served:
-    """A folder of the service with its server process."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.server: ServerProcess | None = None
-
-    def start(self) -> httpx.Client:
-        self.kill()
-        with self.folder.with_name("errors").open("ab") as errors:
-            self.server = ServerProcess(self.folder, "--workers", "1", errors=errors)
-        return self.server.client()
-
-    def kill(self) -> None:
-        if self.server is not None:
-            self.server.kill()
-            self.server = None
-
-    def stop(self) -> None:
-        """End it in order: the worker of a killed one closes the store some time later."""
-        if self.server is not None:
-            self.server.stop()
-            self.server = None
-
-    def places(self, workspace: str) -> dict[str, Path]:
-        """Return where the files of a workspace, and the outputs of its jobs, lie."""
-        outputs = self.folder / STATE_FOLDER / "outputs" / workspace
-        return {"workspace": self.folder / workspace, "outputs": outputs}
-
-    def files(self, workspace: str) -> dict[str, str]:
-        """Return the digests of the workspace's files and of the outputs of its jobs."""
-        places = self.places(workspace).items()
-        return {
-            f"{where}/{name}": one
-            for where, place in places
-            for name, one in digests_of(place).items()
-        }
-
-    def aside(self) -> set[str]:
-        """Return the files of the service that belong to a job under way."""
-        state = self.folder / STATE_FOLDER
-        found = [*state.glob("gathered/*"), *state.glob("outputs/*/.*"), *state.rglob("*.part")]
-        return {path.relative_to(self.folder).as_posix() for path in found}
-
-    def keep(self, workspace: str, kept: Path) -> None:
-        """Keep the workspace and its outputs as they are."""
-        for name, place in self.places(workspace).items():
-            _copied(place, kept / name)
-
-    def restore(self, workspace: str, kept: Path) -> None:
-        """Bring back what was kept."""
-        for name, place in self.places(workspace).items():
-            _copied(kept / name, place)
-
-
-def _copied(source: Path, target: Path) -> None:
-    shutil.rmtree(target, ignore_errors=True)
-    if source.exists():
-        shutil.copytree(source, target, symlinks=True)
-
-
-def submit(client: httpx.Client, step: Step, given: dict[str, Any]) -> str:
-    body = {"kind": step.kind, "parameters": {**step.parameters, **given}}
-    return str(_answer(client.post(f"/api/v1/workspaces/{step.workspace}/jobs", json=body))["id"])
-
-
-def _answer(answer: httpx.Response) -> dict[str, Any]:
-    if answer.is_error:
-        raise SystemExit(f"{answer.request.method} {answer.request.url}: {answer.text}")
-    return dict(answer.json())
-
-
-def job_of(client: httpx.Client, job: str) -> dict[str, Any]:
-    return _answer(client.get(f"/api/v1/jobs/{job}"))
-
-
-def awaited(client: httpx.Client, job: str, states: Iterable[str], tries: int = 0) -> dict:
-    """Wait until a job is in one of some states, and was begun so often; return it."""
-    until = time.monotonic() + PATIENCE_S
-    while True:
-        found = job_of(client, job)
-        ended = found["state"] not in ("waiting", "running")
-        if ended or (found["state"] in states and found["tries"] >= tries):
-            return found
-        if time.monotonic() > until:
-            raise SystemExit(f"job {job} hangs: {found}")
-        time.sleep(0.003)
-
-
-def upload(client: httpx.Client, workspace: str, path: Path) -> str:
-    """Upload a file; return its id."""
-    content = path.read_bytes()
-    digest = hashlib.sha256(content).hexdigest()
-    new = {"name": path.name, "size": len(content), "sha256": digest, "kind": "other"}
-    base = f"/api/v1/workspaces/{workspace}/uploads"
-    made = str(_answer(client.post(base, json=new))["id"])
-    head = {"Upload-Offset": "0", "Content-Type": "application/octet-stream"}
-    client.patch(f"{base}/{made}", content=content, headers=head).raise_for_status()
-    _answer(client.post(f"{base}/{made}/complete"))
-    return made
 
 
 def steps_of(work: Path, options: argparse.Namespace) -> list[Step]:

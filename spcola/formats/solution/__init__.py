@@ -1,17 +1,5 @@
 """Files of a solution: landmarks, image states, nominal states, lists."""
 
-from spcola.formats.solution.lists import read_list, write_list
-from spcola.formats.solution.lmk import read_landmark, write_landmark
-from spcola.formats.solution.nom import read_nominal, write_nominal
-from spcola.formats.solution.sum import read_summary, write_summary
+import lazy_loader
 
-__all__ = [
-    "read_landmark",
-    "read_list",
-    "read_nominal",
-    "read_summary",
-    "write_landmark",
-    "write_list",
-    "write_nominal",
-    "write_summary",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -20,8 +20,7 @@ from spcola.formats.solution.sections import (
     read_sections,
     refuse_duplicates,
 )
-from spcola.formats.solution.sum import labelled, vector_line
-from spcola.formats.text.fortran import format_d, format_fixed
+from spcola.formats.text.fortran import format_d, format_fixed, labelled, vector_line
 from spcola.formats.text.layout import in_layout_of
 from spcola.formats.text.lines import LineCursor
 from spcola.formats.text.source import KM, as_format_error, check_grid_km, check_name

@@ -8,7 +8,8 @@ import numpy as np
 
 from spcola import atomic
 from spcola.arrays import FloatArray
-from spcola.formats.solution.sum import read_axes, read_image_name, read_scobj, vector_line
+from spcola.formats.solution.sum import read_axes, read_image_name, read_scobj
+from spcola.formats.text.fortran import vector_line
 from spcola.formats.text.layout import in_layout_of
 from spcola.formats.text.lines import LineCursor
 from spcola.formats.text.source import KM, check_name

@@ -29,14 +29,11 @@ from spcola.formats.solution.sections import (
     read_sections,
     refuse_duplicates,
 )
-from spcola.formats.text.fortran import format_d, format_fixed
+from spcola.formats.text.fortran import format_d, format_fixed, labelled, vector_line
 from spcola.formats.text.layout import in_layout_of
 from spcola.formats.text.lines import LineCursor
 from spcola.formats.text.source import KM, LARGEST_RANGE_KM, as_format_error, check_name
 from spcola.navigation import et_from_utc
-
-LABEL_COLUMN = 63
-"""Column of the labels in .SUM, .NOM and .LMK files."""
 
 _LINE_SCAN_COLUMN = 13
 _LARGEST_SIDE = 65536
@@ -134,16 +131,6 @@ def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None 
     text = in_layout_of(text, like)
     write_exact_camera(Path(path), stored, None if like is None else Path(like))
     atomic.write_text(path, text)
-
-
-def labelled(text: str, label: str) -> str:
-    """Return a line with its `label` in column 63, as in SPC, or after longer text."""
-    return f"{text:<{LABEL_COLUMN - 1}} {label}\n"
-
-
-def vector_line(vector: FloatArray, label: str) -> str:
-    """Return a line of three numbers as ``3D20.10`` and its `label`."""
-    return labelled("".join(format_d(float(value), 20, 10) for value in vector), label)
 
 
 def read_image_name(cursor: LineCursor) -> str:

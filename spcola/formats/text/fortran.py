@@ -6,6 +6,10 @@ import re
 
 import numpy as np
 
+from spcola.arrays import FloatArray
+
+LABEL_COLUMN = 63
+"""Column of the labels in .SUM, .NOM and .LMK files."""
 LARGEST_NUMBER = 1e100
 """Larger than any measurement; its square is still a double."""
 
@@ -64,3 +68,13 @@ def format_fixed(value: float, width: int, decimals: int) -> str:
         decimals += 1
         text = f"{rounded:.{decimals}f}"
     return text.rjust(width) if len(text) < width else f" {text}"
+
+
+def labelled(text: str, label: str) -> str:
+    """Return a line with its `label` in column 63, as in SPC, or after longer text."""
+    return f"{text:<{LABEL_COLUMN - 1}} {label}\n"
+
+
+def vector_line(vector: FloatArray, label: str) -> str:
+    """Return a line of three numbers as ``3D20.10`` and its `label`."""
+    return labelled("".join(format_d(float(value), 20, 10) for value in vector), label)

@@ -20,11 +20,13 @@ from fusion.inspection.forecasts import (
 )
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
 from fusion.pipeline import Pipeline
+from fusion.pipeline.catalog.soundness import unsound_maplets
 from fusion.runtime.folders import Remembered
 from fusion.runtime.folders.remembered import Listing
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import load_stages, run_stages
 from fusion.workspace import Workspace
+from spcola.formats.maplets import read_map
 
 _TICK_S = 0.03
 STAGES = ["ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report"]
@@ -169,6 +171,61 @@ def test_in_a_very_large_workspace_info_looks_only_at_results_that_changed(
     found = info(workspace)
     assert (found["maplets"], found["mapolas"]) == (5, 5)
     assert found["stages"] == states(workspace)
+
+
+def test_in_a_very_large_workspace_only_a_maplet_that_changed_is_read(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusion.cli.folder._MANY_FILES", 1)
+    call("mapolas", workspace.root)
+    path = workspace.maplet_path("AA0004")
+    content, read = path.read_bytes(), list[str]()
+
+    def noted(path: Path, **given: Any) -> Any:
+        read.append(path.stem)
+        return read_map(path, **given)
+
+    monkeypatch.setattr("fusion.pipeline.catalog.maplet_facts.read_map", noted)
+    with monkeypatch.context() as blind:
+        blind.delattr("fusion.inspection.workspace_facts.workspace_facts")
+        found = info(workspace)
+        assert found["problems"] == []
+        for byte, is_sound in ((len(content) - 1, True), (9, False)):
+            flipped = content[:byte] + bytes([content[byte] ^ 1]) + content[byte + 1 :]
+            for written in (flipped, content):
+                path.write_bytes(written)
+                time.sleep(_TICK_S)
+                now = info(workspace)
+                unsound = [one.text for one in unsound_maplets(workspace)]
+                assert now == found | {"stages": states(workspace), "problems": unsound}
+                assert info(workspace) == now
+                assert (now["stages"]["mapolas"] == "due") == (written != content)
+                assert bool(unsound) != (is_sound or written == content)
+                # Once by each of the two ways to find it out; all only by that without a memory.
+                assert read.count("AA0004") == 2
+                assert read.count("AA0001") == 1
+                read.clear()
+
+
+def test_info_after_init_of_a_very_large_workspace_is_known_until_a_file_changes(
+    workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusion.cli.folder._MANY_FILES", 1)
+    made = tmp_path / "made"
+    shown = json.loads(call("init", made, "--spc", workspace.home, "--json").stdout)
+    there = Workspace.open(made)
+    with monkeypatch.context() as blind:
+        blind.delattr("fusion.inspection.workspace_facts.workspace_facts")
+        first = info(there)
+        assert first == shown | {"forecast": {}, "mapolas_forecast": {}}
+        assert first["maplets"] == 6
+    gone = there.maplet_path("AA0005").rename(tmp_path / "AA0005.MAP")
+    assert info(there)["maplets"] == 5
+    gone.rename(there.maplet_path("AA0005"))
+    time.sleep(_TICK_S)
+    assert info(there) == first
+    there.maplet_path("AA0006").write_bytes(there.maplet_path("AA0005").read_bytes())
+    assert info(there)["maplets"] == 7
 
 
 def info(workspace: Workspace) -> dict[str, Any]:

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fusion.pipeline.catalog.soundness import rejected_maplets, unsound_maplets
+from fusion.pipeline.catalog import Catalog, file_digest
+from fusion.pipeline.catalog.soundness import (
+    Judged,
+    Unsound,
+    judged,
+    judged_after,
+    rejected_maplets,
+    unsound,
+    unsound_maplets,
+)
 from fusion.workspace import Workspace, new_workspace
 from spcola.control import Landmark
 from spcola.errors import SpcolaError
 from spcola.formats.maplets import read_map, write_maplet
 from spcola.formats.shapes import write_obj_mesh
-from spcola.formats.solution import write_landmark
+from spcola.formats.solution import read_landmark, write_landmark
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import lattice
 from spcola.shape.icq import IcqShape, icq_directions
@@ -155,3 +166,82 @@ def test_heights_of_another_place_are_found_by_the_shape(tmp_path: Path) -> None
     (found,) = unsound_maplets(workspace)
     assert found.name == "AA0005"
     assert "scatter" in found.why
+
+
+def test_only_files_that_changed_are_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace, read = solution(tmp_path, moved_m=0.03), list[str]()
+
+    def noted(path: Path, **given: Any) -> Any:
+        read.append(path.stem)
+        return read_map(path, **given)
+
+    monkeypatch.setattr("fusion.pipeline.catalog.maplet_facts.read_map", noted)
+
+    def found() -> tuple[tuple[Unsound, ...], list[str]]:
+        """What is unsound, and which maplets were read for that."""
+        read.clear()
+        with closing(Catalog(workspace)) as catalog:
+            now = unsound(workspace, catalog)
+        its = list(read)
+        assert now == unsound_maplets(workspace)
+        return now, its
+
+    every = workspace.maplet_names()
+    assert found() == ((), every)
+    assert found() == ((), [])
+    path, landmark = workspace.maplet_path("AA0005"), workspace.landmark_path("AA0007")
+    content = path.read_bytes()
+    path.write_bytes(content[:30] + bytes([content[30] ^ 64]) + content[31:])
+    assert [one.name for one in found()[0]] == ["AA0005"]
+    path.write_bytes(content)
+    write_landmark(landmark, replace(read_landmark(landmark), sigma=np.full(3, 0.2)))
+    now, its = found()
+    assert ([one.name for one in now], its) == (["AA0007"], ["AA0005", "AA0007"])
+    landmark.unlink()
+    assert found() == ((), ["AA0007"])
+    workspace.maplet_path("AA0000").rename(workspace.maplet_path("ZZ0000"))
+    # The unit of the shape is checked by the first maplet: with another one all are read again.
+    assert sorted(found()[1]) == workspace.maplet_names()
+    workspace.maplet_path("AA0010").unlink()
+    assert found() == ((), [])
+    # Another unit of the shape gives other heights above it.
+    toml = workspace.root / "spcola.toml"
+    toml.write_text(toml.read_text().replace('shape_unit = "km"', 'shape_unit = "m"'))
+    assert sorted(found()[1]) == workspace.maplet_names()
+    # What is kept is not trusted if it is damaged.
+    kept = workspace.home / "provenance" / ".maplets"
+    damaged = bytearray(kept.read_bytes())
+    damaged[-3] ^= 1
+    kept.write_bytes(damaged)
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    assert sorted(found()[1]) == workspace.maplet_names()
+
+
+def test_what_follows_from_a_change_is_known_only_from_the_rows_before(tmp_path: Path) -> None:
+    workspace = solution(tmp_path, shape=False)
+
+    def judgement() -> Judged:
+        with closing(Catalog(workspace)) as catalog:
+            return judged(workspace, catalog)
+
+    before = judgement()
+    assert before.kept
+    path = workspace.maplet_path("AA0005")
+    content = path.read_bytes()
+    was = file_digest(path)
+    path.write_bytes(content[:9] + bytes([content[9] ^ 1]) + content[10:])
+    change = ("MAPFILES/AA0005.MAP", was, file_digest(path))
+    wrong = ("MAPFILES/AA0005.MAP", change[2], was)
+    assert judged_after(workspace.home, "", [change]) is None
+    assert judged_after(workspace.home, before.kept, [wrong]) is None
+    # A file that no maplet is judged by changes nothing.
+    other = ("LMKFILES/ZZ0001.LMK", was, change[2])
+    assert judged_after(workspace.home, before.kept, [other]) == before
+    after = judged_after(workspace.home, before.kept, [change])
+    assert after is not None
+    assert after.unsound == unsound_maplets(workspace) != ()
+    assert after == judgement()
+    # The rows are now those after it.
+    assert judged_after(workspace.home, before.kept, [change]) is None

@@ -17,7 +17,7 @@ from fusion.service.api.answers import accepted, by_tag, json_answer, tagged
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.pages import After, Limit, page_of
 from fusion.service.api.schemas import results as answers
-from fusion.service.api.schemas import surfaces
+from fusion.service.api.schemas import solved, surfaces
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.store import Scope
 from fusion.service.texts import without_paths_in
@@ -99,14 +99,14 @@ def scale_epsilon(request: Request, workspace: str, solution: Solution = "") -> 
         return json_answer(request, epsilon_table(opened))
 
 
-@routes.add("GET", "/photoclinometry", READ, answers.SolvedIndex)
+@routes.add("GET", "/photoclinometry", READ, solved.SolvedIndex)
 def photoclinometry(request: Request, workspace: str, solution: Solution = "") -> Response:
     """Return the goodness of fit of each maplet and image of a solution from images."""
     with opened_for(request, workspace, solution) as opened:
         return json_answer(request, solved_index(opened))
 
 
-@routes.add("GET", "/photoclinometry/{maplet}", READ, answers.SolvedMaplet)
+@routes.add("GET", "/photoclinometry/{maplet}", READ, solved.SolvedMaplet)
 def photoclinometry_maplet(
     request: Request, workspace: str, maplet: str, solution: Solution = ""
 ) -> Response:
@@ -115,7 +115,7 @@ def photoclinometry_maplet(
         return json_answer(request, solved_maplet(opened, maplet))
 
 
-@routes.add("GET", "/photoclinometry/{maplet}/{image}", READ, answers.SOLVED_PICTURE)
+@routes.add("GET", "/photoclinometry/{maplet}/{image}", READ, solved.SOLVED_PICTURE)
 def photoclinometry_picture(
     request: Request, workspace: str, maplet: str, image: str, solution: Solution = ""
 ) -> Response:

@@ -9,7 +9,7 @@ from solved_workspace import FAR, MAPLET, REVERSED
 
 from fusion.client import connect
 from fusion.runtime import json_value
-from fusion.service.api.schemas.results import SolvedIndex, SolvedMaplet
+from fusion.service.api.schemas.solved import SolvedIndex, SolvedMaplet
 from fusion.service.views.photoclinometry import (
     solved_etag,
     solved_index,
