@@ -11,6 +11,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 from figures import FIGURES
+from figures.density import PAGE
 from sphinx.application import Sphinx
 from sphinx.util import logging
 from tutorial import DONE
@@ -23,10 +24,11 @@ logger = logging.getLogger(__name__)
 
 
 def mark(tutorial: Path) -> str:
-    """State of what figures are made of: the tutorial's run, and the functions that draw."""
+    """State of what figures are made of: the tutorial's run, tables, and what draws them."""
     of = json.loads((tutorial / DONE).read_text(encoding="utf-8"))["of"]
     drawing = Path(__file__).resolve().parents[1] / "figures"
-    return of + "".join(path.read_text(encoding="utf-8") for path in sorted(drawing.glob("*.py")))
+    read = [*sorted(drawing.glob("*.py")), PAGE]
+    return of + "".join(path.read_text(encoding="utf-8") for path in read)
 
 
 def make(app: Sphinx) -> None:

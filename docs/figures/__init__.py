@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from figures.density import density_figure
 from figures.errors import errors_figure
 from figures.mapola import mapola_figure
 from figures.scans import scans_figure
@@ -46,5 +47,6 @@ FIGURES: Mapping[str, Callable[[Path], Any]] = {
     "bigmaps": _of_workspace(bigmaps_figure),
     "scale": scale,
     "errors": _of_mission(errors_figure),
+    "density": lambda _: density_figure(),
 }
 """By the name of its file, what draws each figure from the tutorial's folder."""
