@@ -89,16 +89,15 @@ class LithosResult:
         solved = [one for one in maplets if one["rounds"]]
         lines = [f"solution {self.solution}, from {self.parent}: {len(maplets)} maplets, {counts}"]
         if solved:
-            before, after = (
-                float(np.median([one[key] for one in solved]))
-                for key in ("residual_start", "residual")
+            # Images may show enough ground of a start or of its solution only, and a maplet that
+            # diverged keeps its start, which may have no sigma.
+            before, after, sigma = (
+                _median(one[key] for one in solved)
+                for key in ("residual_start", "residual", "sigma_m")
             )
-            # A maplet that diverged has rounds, but keeps its start, which may have no sigma.
-            sigma = _median(one["sigma_m"] for one in solved)
-            shown = "unknown" if sigma is None else f"{sigma:.3f} m"
             lines.append(
-                f"  residual of brightness {before:.1%} → {after:.1%}, sigma of heights {shown} "
-                "(medians)"
+                f"  residual of brightness {_shown(before, '.1%')} → {_shown(after, '.1%')}, sigma "
+                f"of heights {_shown(sigma, '.3f', ' m')} (medians)"
             )
             lines += _worst_lines(self.content)
         lines += finding_lines(self.content["findings"])
@@ -155,8 +154,13 @@ def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict
 
 
 def _median(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
+    known = [value for value in values if value is not None and np.isfinite(value)]
     return float(np.median(known)) if known else None
+
+
+def _shown(value: float | None, form: str, unit: str = "") -> str:
+    """Return a number and its unit; unknown stays unknown."""
+    return "unknown" if value is None else f"{value:{form}}{unit}"
 
 
 def _worst_lines(content: Mapping[str, Any]) -> Iterator[str]:

@@ -100,3 +100,14 @@ def test_maplets_that_keep_a_start_without_sigma_are_printed(sigmas, shown):
     content = {"maplets": maplets, "images": {}, "outcomes": {"diverged": 1}, "findings": []}
     result = LithosResult("new", "old", Path("body/solutions/new"), content)
     assert any(f"sigma of heights {shown} (medians)" in line for line in result.lines())
+
+
+@pytest.mark.parametrize("unknown", [None, float("nan")])
+def test_maplets_whose_start_images_did_not_show_are_printed(unknown):
+    maplets = {
+        name: {"rounds": [{}], "residual_start": start, "residual": 0.1, "sigma_m": 0.3}
+        for name, start in (("AA0001", 0.2), ("AA0002", unknown))
+    }
+    content = {"maplets": maplets, "images": {}, "outcomes": {"converged": 2}, "findings": []}
+    lines = LithosResult("new", "old", Path("body/solutions/new"), content).lines()
+    assert any("residual of brightness 20.0% → 10.0%" in line for line in lines)
