@@ -1,11 +1,13 @@
 """Photoclinometry at the pixel of the best images, with lidar that does not cover the cells.
 
-Where most of the finest images of a mission show the same ground, maplets of a finer GSD are tiled
-from the shape. They are solved from images alone, and with the single returns of the lidar, and
+Where most of the finest images of `mini` show the same ground, maplets of a finer GSD are tiled
+from the shape. They are solved from images alone, with mapolas, and with the single returns, and
 compared with the truth next to the shape, to registered mapolas of that GSD, and to fused maplets:
-those of the lidar and the shape's slopes. Lit and unlit ground of the maplets without their edges.
+those of the lidar and the shape's slopes. All maplets that images alone solve count, without their
+edges.
 
-    python scripts/bench/photoclinometry_fine.py [--gsd 0.15] [--radius 12] [--seed 1] [--work DIR]
+    python scripts/bench/photoclinometry_fine.py [--gsd 0.15] [--places 4] [--radius 10] [--seed 1]
+        [--work DIR]
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ from spcola.truth.body import TruthBody
 
 # Points at the edges of maplets that are not compared: their slopes are one-sided.
 EDGE = 4
-FINE = "fine"
+FINE, LETTERS = "fine", ("AA", "BB", "CC", "DD", "EE", "FF")
+# Sine of the Sun's elevation above which an image determines slopes.
+HIGH_SUN = float(np.sin(np.radians(20.0)))
 SOLUTIONS = {
     "images alone": ("images", ("shape",)),
     "images, mapolas": ("mapolas", ("shape", "lidar")),
@@ -42,36 +46,39 @@ SOLUTIONS = {
 }
 
 
-def best_place(workspace: Path, gsd: float) -> tuple[float, float]:
-    """Return latitude and longitude (degrees) of the maplet that most fine images show."""
+def best_places(workspace: Path, gsd: float, count: int) -> Iterator[tuple[float, float]]:
+    """Yield latitude and longitude (degrees) of maplets that most fine, well lit images show."""
     space = Workspace.open(workspace)
     grids = [space.maplet(name).grid for name in space.maplet_names()]
     scene = ImageScene.of(space, grids, RegisterSettings())
     scene = replace(scene, choice=ChoiceOptions(most=1000))
 
     def fine(grid: MapletGrid) -> int:
-        pixels = (
-            image.pixel_angle * float(np.linalg.norm(image.position - grid.center))
+        return sum(
+            image.pixel_angle * float(np.linalg.norm(image.position - grid.center)) < 1.3 * gsd
+            and image.sun @ grid.uz > HIGH_SUN
             for image in scene.showing(grid)
         )
-        return sum(pixel < 1.3 * gsd for pixel in pixels)
 
-    x, y, z = max(grids, key=fine).center
-    return float(np.degrees(np.arctan2(z, np.hypot(x, y)))), float(np.degrees(np.arctan2(y, x)))
+    for grid in sorted(grids, key=fine, reverse=True)[:count]:
+        x, y, z = grid.center
+        latitude, longitude = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
+        yield float(np.degrees(latitude)), float(np.degrees(longitude))
 
 
-def solved(work: Path, seed: int, gsd: float, radius: float) -> tuple[Path, list[str]]:
+def solved(work: Path, seed: int, gsd: float, radius: float, places: int) -> tuple[Path, list[str]]:
     """Tile, register and solve; return the workspace and its fine maplets."""
     source = prepared(work, "mini", seed, 1.0)
     root = source.with_name("fine")
-    latitude, longitude = best_place(source, gsd)
     shutil.rmtree(root, ignore_errors=True)
     timed(["init", root, "--spc", source.with_name("mission") / "spc", "--body", "Truth"])
     timed(["import", root, *sorted((source.with_name("mission") / "lidar").iterdir())])
     before = set(Workspace.open(root).maplet_names())
-    within = f"{latitude:.3f},{longitude:.3f},{radius:g}"
-    timed(["spc", "tile", root, "--gsd", gsd, "--within", within, "--from", "shape", "--as", FINE])
-    timed(["solution", "use", root, FINE])
+    for number, (latitude, longitude) in enumerate(best_places(source, gsd, places)):
+        within = f"{latitude:.3f},{longitude:.3f},{radius:g}"
+        timed(["spc", "tile", root, "--gsd", gsd, "--within", within, "--from", "shape",
+               "--letters", LETTERS[number], "--as", f"{FINE}{number}"])  # fmt: skip
+        timed(["solution", "use", root, f"{FINE}{number}"])
     for stage in ("mapolas", "register", "fuse"):
         timed([stage, root])
     names = [name for name in Workspace.open(root).maplet_names() if name not in before]
@@ -104,7 +111,10 @@ def errors(
 
 def compared(root: Path, names: list[str], seed: int) -> Iterator[str]:
     """Yield a line for each surface, and what both sources gain over the better one."""
-    settings, space = MissionSettings.mini(seed), Workspace.open(root, FINE)
+    settings, space = MissionSettings.mini(seed), Workspace.open(root)
+    found = Workspace.open(root, "images").read_json("photoclinometry.json")["maplets"]
+    names = [name for name in names if found[name]["outcome"] != "too-few-images"]
+    yield f"{len(names)} solved by images alone"
     body, back = TruthBody(settings.body), settings.to_spc.inverse()
 
     def truth(name: str) -> np.ndarray:
@@ -147,13 +157,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--gsd", type=float, default=0.15)
-    parser.add_argument("--radius", type=float, default=12.0)
+    parser.add_argument("--places", type=int, default=4, choices=range(1, len(LETTERS) + 1))
+    parser.add_argument("--radius", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--work", type=Path)
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
         work = given.work or Path(temporary)
-        root, names = solved(work, given.seed, given.gsd, given.radius)
+        root, names = solved(work, given.seed, given.gsd, given.radius, given.places)
         print(f"{len(names)} maplets of {given.gsd:g} m", flush=True)
         for line in compared(root, names, given.seed):
             print(line, flush=True)
