@@ -1,6 +1,6 @@
 """Fused heights: lidar heights as constraints in the slope-to-height integration."""
 
-from fusion.fusing.constraints import Constraints, RegisteredMapola, lidar_constraints
+from fusion.fusing.constraints import Constraints, RegisteredMapola, gives_means, lidar_constraints
 from fusion.fusing.fuse import FuseResult, fuse_maplet
 from fusion.fusing.fuse_input import FuseInput, FuseOptions
 
@@ -11,5 +11,6 @@ __all__ = [
     "FuseResult",
     "RegisteredMapola",
     "fuse_maplet",
+    "gives_means",
     "lidar_constraints",
 ]

@@ -120,7 +120,7 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) 
         if not overlaps(grid, candidate.grid) or not _reaches(candidate.grid, grid, unknown):
             continue
         mapola = candidate.load()
-        if mapola.grid.gsd > _COARSE * grid.gsd:
+        if gives_means(mapola.grid, grid):
             new = areas.add(mapola, unknown)
             coarse[new], count[new] = areas.height[new], areas.count[new]
             continue
@@ -133,6 +133,16 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) 
     if not areas.some:
         return Constraints(height, sigma, count)
     return Constraints(height, sigma, count, areas.means(), coarse)
+
+
+def gives_means(mapola: MapletGrid, grid: MapletGrid) -> bool:
+    """Return whether a mapola is so coarse that it has means over points of a grid, not heights.
+
+    Parameters
+    ----------
+    mapola, grid : MapletGrid
+    """
+    return mapola.gsd > _COARSE * grid.gsd
 
 
 class _Areas:

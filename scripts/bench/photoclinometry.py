@@ -76,6 +76,7 @@ def prepared(work: Path, preset: str, seed: int, thinner: float) -> Path:
     if thinner > COVERED:
         settings = load_settings(workspace / SETTINGS_FILE)
         settings = settings.with_table("mapolas", gsd_m=2.0, half_size=12)
+        settings = settings.with_table("lithos", constraints=["shape", "returns"])
         write_settings(workspace / SETTINGS_FILE, settings)
     timed(["import", workspace, *sorted((mission / "lidar").iterdir())])
     for stage in ("mapolas", "register"):
@@ -93,10 +94,13 @@ def findings(workspace: Path, name: str) -> list[str]:
     return [part for code in codes for part in ("--accept", code)] if verdict.obstacle([]) else []
 
 
-def solved(workspace: Path) -> Iterator[tuple[str, float, dict[str, Any]]]:
+def solved(workspace: Path, thinner: float) -> Iterator[tuple[str, float, dict[str, Any]]]:
     """Make the solutions that are not there yet; yield name, seconds, and what each found."""
     accept = findings(workspace, "registration.json")
     for name, (*command, last) in SOLUTIONS.items():
+        # Mapolas that are coarser than the maplets are refused.
+        if "lidar" in command and thinner > COVERED:
+            continue
         kept = workspace.parent / f"{last}.json"
         if not kept.exists():
             extra = accept if {"lidar", "returns", "fuse"} & {*command} else []
@@ -147,7 +151,7 @@ def gain(work: Path, preset: str, seed: int, thinner: float) -> Iterator[str]:
     workspace = prepared(work, preset, seed, thinner)
     rows = assessed(workspace)
     yield f"{preset}, seed {seed}, lidar thinner by {thinner:g}"
-    for name, seconds, found in solved(workspace):
+    for name, seconds, found in solved(workspace, thinner):
         last = SOLUTIONS[name][-1]
         rows[name] = next(iter(assessed(workspace, last).values()))
         outcomes = ", ".join(f"{count} {code}" for code, count in found["outcomes"].items())
@@ -155,7 +159,7 @@ def gain(work: Path, preset: str, seed: int, thinner: float) -> Iterator[str]:
     yield from table(rows)
     alone = rows["images alone"][3]
     better = min(alone, rows["mapolas, registered"][3])
-    both = rows["images, lidar"][3]
+    both = min(rows[name][3] for name in ("images, lidar", "images, returns") if name in rows)
     yield f"  slopes with images alone: {alone:.2f} deg (goal {SLOPE_GOAL_DEG:g})"
     yield (
         f"  slopes with lidar over the better of both alone: {both / better:.2f} (goal {GAIN_GOAL})"

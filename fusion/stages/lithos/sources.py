@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fusion.estimation.verdict import Verdict
+from fusion.fusing import gives_means
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
 from fusion.scene import Scene, maplets_around
@@ -93,7 +94,8 @@ class LithosSources:
             If no image has both pixels and a state of known uncertainty, there are no maplets, the
             shape is asked for and there is none, or the lidar and it is not registered.
         RejectedResultError
-            If the lidar is asked for, and its registration may not be used.
+            If the lidar is asked for, and its registration may not be used, or its mapolas are too
+            coarse for the maplets.
         FormatError
             If a map cannot be read, or states no sigma.
         """
@@ -123,7 +125,7 @@ class LithosSources:
             workspace,
             images,
             grids,
-            Scene.of(workspace, light="none") if lidar else None,
+            _mapolas(workspace, grids) if lidar else None,
             RegisteredReturns.of(workspace) if returns else None,
             Limbs(images, _reach(options, grids)) if ConstraintKind.LIMBS in asked else None,
             read_maps(options.maps, options.map_sigma_m),
@@ -317,6 +319,20 @@ def check_registration(workspace: Workspace, accepted: tuple[str, ...]) -> None:
     verdict = Verdict.from_json(workspace.read_json(path.name))
     if obstacle := verdict.obstacle(accepted):
         raise RejectedResultError(f"the registration is {obstacle}", path)
+
+
+def _mapolas(workspace: Workspace, grids: Mapping[str, MapletGrid]) -> Scene:
+    """Return the registered mapolas, if heights of some can constrain maplets."""
+    scene = Scene.of(workspace, light="none")
+    finest = min(scene.mapola_grids.values(), key=lambda grid: grid.gsd)
+    if all(gives_means(finest, grid) for grid in grids.values()):
+        raise RejectedResultError(
+            f"mapolas of {finest.gsd:.3g} m are coarser than all maplets, and have no heights of "
+            "their points",
+            workspace.root / "mapolas",
+            "use the returns themselves: --constraint returns, or [lithos] constraints",
+        )
+    return scene
 
 
 def _reach(options: LithosOptions, grids: Mapping[str, MapletGrid]) -> float:

@@ -355,3 +355,20 @@ def test_without_stereo_constraints_alone_set_the_mean_height(mission):
         for name in ("stereo", "no-stereo")
     )
     assert kept < 0.3 * moved
+
+
+def test_mapolas_that_are_coarser_than_all_maplets_are_refused(mission, tmp_path):
+    root = tmp_path / "WS"
+    shutil.copytree(mission[0], root, symlinks=True)
+    shutil.rmtree(root / "solutions", ignore_errors=True)
+    path = root / "spcola.toml"
+    whole = path.read_text()
+    start = whole.index("[mapolas]")
+    table = whole[start:].replace("gsd_m = 0.0", "gsd_m = 2.0", 1)
+    path.unlink()
+    path.write_text(whole[:start] + table.replace("half_size = 0", "half_size = 10", 1))
+    call("mapolas", root)
+    call("register", root)
+    line = refused("spc", "lithos", root, "--only", NAME, "--constraint", "lidar")
+    assert "mapolas of 2 m are coarser" in line
+    assert "--constraint returns" in line
