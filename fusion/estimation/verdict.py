@@ -136,6 +136,10 @@ class Code(CodedText):
         "spc-errors-changed",
         "the errors of SPC, on which every fused maplet depends, were estimated again",
     )
+    SPC_ERRORS_ASSUMED = (
+        "spc-errors-assumed",
+        "the lidar has too few heights to determine the errors of SPC, which are assumed",
+    )
     REJECTED_MAPLET = "rejected-maplet", "the registration did not use a maplet that is used here"
 
 

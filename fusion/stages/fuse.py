@@ -67,6 +67,7 @@ class FuseStage(Stage):
         chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
         sizes = [float(grid.size**2) for grid in chosen.values()]
         remarks = _estimated_again(context, tally.summary(information), len(chosen))
+        remarks += _assumed(information)
         for remark in remarks:
             context.progress.note(f"note: {remark.text} [{remark.code}]")
         done = tally.passed(context.stream("fuse maplets", fused, chosen, sizes=sizes))
@@ -118,6 +119,19 @@ def _estimated_again(
         f"{'the maplet is' if count == 1 else f'all {count} maplets are'} fused again"
     )
     return (Finding(Code.SPC_ERRORS_CHANGED, Severity.NOTE, text),)
+
+
+def _assumed(information: SlopeInformation) -> tuple[Finding, ...]:
+    """Return that the errors of SPC are assumed, if they are."""
+    if not information.assumed:
+        return ()
+    text = (
+        "too few mapolas have heights of points of the maplets to determine the errors of SPC: a "
+        f"step is assumed to err by {information.step_sigma_m:g} m, heights by "
+        f"{information.height_sigma_m:g} m, and sigmas of fused heights may be wrong; mapolas as "
+        "fine as the maplets determine them"
+    )
+    return (Finding(Code.SPC_ERRORS_ASSUMED, Severity.NOTE, text),)
 
 
 def _kept_in(workspace: Workspace) -> Callable[[str], FusedMaplet | None]:

@@ -68,6 +68,11 @@ class SlopeInformation:
     usual_light: float = 0.0
     shape: ShapeErrors | None = None
 
+    @property
+    def assumed(self) -> bool:
+        """Whether these are not estimated: too little of lidar and SPC overlaps."""
+        return replace(self, shape=None) == DEFAULT_INFORMATION
+
     def step_sigma(
         self, slope: FloatArray, bend: FloatArray, gsd: float, light: FloatArray | None = None
     ) -> FloatArray:

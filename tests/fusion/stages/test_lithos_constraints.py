@@ -372,3 +372,5 @@ def test_mapolas_that_are_coarser_than_all_maplets_are_refused(mission, tmp_path
     line = refused("spc", "lithos", root, "--only", NAME, "--constraint", "lidar")
     assert "mapolas of 2 m are coarser" in line
     assert "--constraint returns" in line
+    fused = called("fuse", root, "--only", NAME)
+    assert [one["code"] for one in fused["remarks"]] == ["spc-errors-assumed"]
