@@ -118,8 +118,9 @@ def fuse(
     Slopes are integrated with the registered lidar heights as constraints. Results are in fused/.
     With --from images, slopes, albedo and heights of each maplet are solved from the brightness of
     its images, and heights of lidar, shape and overlapping maplets are in the same equations. The
-    result is a new solution; the one that is read stays as it is. [lithos] has the settings; with
-    "returns" in its constraints the lidar's returns are used in place of mapolas.
+    result is a new solution; the one that is read stays as it is. [lithos] has the settings.
+    Where mapolas have returns in few of their cells, or are coarser than the maplets, single
+    returns are used in their place; "lidar" (mapolas) or "returns" in its constraints decides.
     """
     check_source(source, name, force=options.force)
     if source == "images":

@@ -197,15 +197,16 @@ def fuse_images(site: Site, given: ImageFusionOptions) -> Done:
     """Make a solution whose maplets come from their images, lidar, shape and overlaps at once."""
     from fusion.pipeline import Subset
     from fusion.service.commands.stages import accepting
-    from fusion.stages.lithos import ConstraintKind, LithosOptions, Purpose
+    from fusion.stages.lithos import ConstraintKind, LithosOptions, Purpose, lidar_kind
 
     workspace = site.open()
     settings = accepting(workspace.settings(), given.accept or ())
     asked = settings.lithos.constraints
+    of_lidar = [kind for kind in (ConstraintKind.LIDAR, ConstraintKind.RETURNS) if kind in asked]
     kinds = [
         ConstraintKind.OVERLAPS,
         ConstraintKind.COARSER,
-        ConstraintKind.RETURNS if ConstraintKind.RETURNS in asked else ConstraintKind.LIDAR,
+        *(of_lidar or [lidar_kind(workspace)]),
         *([ConstraintKind.SHAPE] if workspace.has_shape() else []),
         *([ConstraintKind.MAPS] if ConstraintKind.MAPS in asked else []),
     ]

@@ -2,6 +2,7 @@
 
 from fusion.stages.lithos.options import ConstraintKind, LithosOptions, Purpose, StartKind
 from fusion.stages.lithos.result import PHOTOCLINOMETRY_KEYS, LithosResult
+from fusion.stages.lithos.returns import lidar_kind
 from fusion.stages.lithos.solved import lithos_solution
 
 __all__ = [
@@ -11,5 +12,6 @@ __all__ = [
     "LithosResult",
     "Purpose",
     "StartKind",
+    "lidar_kind",
     "lithos_solution",
 ]

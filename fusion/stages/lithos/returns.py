@@ -8,8 +8,10 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from fusion.fusing import gives_means
 from fusion.registration.results import GivenRegistration, given_registration
 from fusion.scene.geolocation import ReturnSource
+from fusion.stages.lithos.options import ConstraintKind
 from fusion.workspace import Workspace
 from lidar.adjustment import displacement_partials
 from lidar.scans import Returns
@@ -24,8 +26,31 @@ from spcola.photometry.photoclinometry import HeightConstraint
 _NEIGHBOURS, _SUPPORT, _FAR = 12, 2, 5.0
 # Share of the returns, those nearest to another one, whose differences are noise; fewest of them.
 _CLOSE, _FEWEST = 0.1, 20
+# Mapolas of which the density of the lidar is taken; share of their cells with returns, that of one
+# return a cell in the mean, from which on mapolas are used.
+_SAMPLED, _COVERED = 24, 0.63
 # Smallest error that all heights share, and smallest noise, metres.
 _LEAST_COMMON, _LEAST_NOISE = 1e-5, 1e-4
+
+
+def lidar_kind(workspace: Workspace) -> ConstraintKind:
+    """Return as what the lidar of a workspace constrains best.
+
+    Mapolas where most of their cells have returns and are as fine as the maplets' (or where there
+    are none, so that the command states what is missing), else the returns themselves.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    """
+    names, maplets = workspace.mapola_names(), set(workspace.maplet_names())
+    shares = []
+    for name in names[:: max(1, len(names) // _SAMPLED)]:
+        mapola = workspace.mapola(name)
+        coarse = name in maplets and gives_means(mapola.grid, workspace.maplet(name).grid)
+        shares.append(0.0 if coarse else float(np.mean(np.isfinite(mapola.height))))
+    dense = not shares or float(np.median(shares)) >= _COVERED
+    return ConstraintKind.LIDAR if dense else ConstraintKind.RETURNS
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from affine import Affine
 from command_line import call, called, refused
 
 from fusion.registration.results import given_registration
+from fusion.stages.lithos import lidar_kind
 from fusion.stages.lithos.returns import RegisteredReturns, noise_of_pairs, supported
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
@@ -374,3 +375,20 @@ def test_mapolas_that_are_coarser_than_all_maplets_are_refused(mission, tmp_path
     assert "--constraint returns" in line
     fused = called("fuse", root, "--only", NAME)
     assert [one["code"] for one in fused["remarks"]] == ["spc-errors-assumed"]
+    content = called("fuse", root, "--from", "images", "--only", NAME)
+    assert "returns" in content["options"]["constraints"]
+
+
+def test_returns_are_taken_where_mapolas_have_few(mission, tmp_path, monkeypatch):
+    workspace, whole = Workspace.open(mission[0]), Workspace.mapola
+    assert lidar_kind(workspace) == "lidar"
+
+    def sparse(self, name):
+        mapola = whole(self, name)
+        few = np.random.default_rng(1).random(mapola.height.shape) < 0.3
+        return replace(mapola, height=np.where(few, mapola.height, np.nan))
+
+    monkeypatch.setattr(Workspace, "mapola", sparse)
+    assert lidar_kind(workspace) == "returns"
+    call("init", tmp_path / "bare", "--spc", mission[0])
+    assert lidar_kind(Workspace.open(tmp_path / "bare")) == "lidar"
