@@ -34,7 +34,7 @@ PHOTOCLINOMETRY_KEYS = {
     "maplets[].sigma_m": "median sigma of the heights",
     "maplets[].directions": "shares of cells whose slope images determine in 0, 1, 2 directions",
     "maplets[].light_ratio": "residual of brightness with all Suns on the other side, over "
-    "that with them as stated, on the coarsest GSD; below 1 in most maplets: the light is doubtful",
+    "that with them as stated, on the coarsest GSD; median below 0.97: doubtful light",
     "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
     "maplets[].images": "fit, scale λ and its change to the edge, shift (px), residual, noise "
     "(relative), correlation, pixels, and metres a pixel, of each image",
@@ -42,6 +42,8 @@ PHOTOCLINOMETRY_KEYS = {
     "mean square of the shifts (px, m), maplets by fit",
     "findings": "outliers: code, names, what to do",
 }
+# Ratio of residuals with all Suns on the other side, and as stated, below which light is doubtful.
+_DOUBTFUL_LIGHT = 0.97
 # Names in a printed line, and how many of the worst.
 _NAMED, _WORST = 5, 3
 _MAPLET_CODES = (
@@ -267,11 +269,11 @@ def _findings(
 def _light_finding(found: Mapping[str, Summary]) -> list[dict[str, Any]]:
     """Return a finding if most maplets fit better with all Suns on the other side.
 
-    One maplet hardly decides it: with the right Suns its ratio may be as low as 1.02.
+    One maplet hardly decides it: with the right Suns its ratio may be as low as 0.99.
     """
     ratios = {name: one.content["light_ratio"] for name, one in found.items()}
     known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
-    if not known or float(np.median(list(known.values()))) >= 1.0:
+    if not known or float(np.median(list(known.values()))) >= _DOUBTFUL_LIGHT:
         return []
     names = [name for name, ratio in known.items() if ratio < 1.0]
     do = (

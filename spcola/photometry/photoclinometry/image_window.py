@@ -86,6 +86,8 @@ class ImageWindow:
         grid: MapletGrid,
         height: FloatArray,
         open_ground: tuple[FloatArray, FloatArray],
+        *,
+        finest_m: float | None = None,
     ) -> ImageWindow | None:
         """Cut a window out of an image with pixels; None if it does not show the grid.
 
@@ -97,12 +99,15 @@ class ImageWindow:
             Metres, all known; they may change later by far less than the distance.
         open_ground : two (R − 1, C − 1) ndarrays
             `open_seen` and `open_lit`.
+        finest_m : float, optional
+            GSD for which blocks of pixels are small enough, metres; that of the grid if not given.
         """
         points = grid.points(height)
         pixel, line = project_image(image, points)
         if image.pixels is None or not np.isfinite(pixel + line).all():
             return None
-        block = _block_of(pixel, line)
+        cell = 1.0 if finest_m is None else finest_m / grid.gsd
+        block = _block_of(pixel, line, cell)
         shape = image.camera.height, image.camera.width
         window = tuple(
             _span(place, size, block) for place, size in zip((line, pixel), shape, strict=True)
@@ -167,11 +172,14 @@ class ImageWindow:
         return at_cells(1.0 - cast_shadow(height, sun * [1.0, 1.0, gsd]))
 
 
-def _block_of(pixel: FloatArray, line: FloatArray) -> int:
-    """Return the side of blocks for sample and line (R, C) of the points of a grid."""
+def _block_of(pixel: FloatArray, line: FloatArray, cell: float) -> int:
+    """Return the side of blocks for sample and line (R, C) of the points of a grid.
+
+    `cell` is the side of the cells for which they are small enough, steps of the grid.
+    """
     cells = pixel.shape[0] - 1
     extents = [np.hypot(w[0, -1] - w[0, 0], w[-1, 0] - w[0, 0]) / cells for w in (pixel, line)]
-    return max(1, int(_BLOCK * min(extents)))
+    return max(1, int(_BLOCK * cell * min(extents)))
 
 
 def _span(place: FloatArray, size: int, block: int) -> slice:
@@ -207,6 +215,8 @@ def window_over(
     height: FloatArray,
     coarse: MapletGrid,
     ground: tuple[FloatArray, FloatArray],
+    *,
+    finest_m: float | None = None,
 ) -> ImageWindow | None:
     """Return the window of an image over a grid; None if it does not show the grid.
 
@@ -220,6 +230,8 @@ def window_over(
         Of the same place.
     ground : two ndarrays
         What :func:`open_ground` gives for the points of `coarse`.
+    finest_m : float, optional
+        As in :meth:`ImageWindow.of`.
     """
     seen, lit = (at_cells(resampled_points(points, coarse, grid)) for points in ground)
-    return ImageWindow.of(image, grid, height, (seen, lit))
+    return ImageWindow.of(image, grid, height, (seen, lit), finest_m=finest_m)

@@ -180,9 +180,14 @@ class _Work:
         return image_fits(names, self.windows, self.surface, self.states, self.options)
 
     def cut(self, grid: MapletGrid, height: FloatArray) -> list[ImageWindow | None]:
-        """Return the windows of all images over a grid."""
+        """Return the windows of all images over a grid.
+
+        Blocks of pixels are those of the finest grid: on coarse ones single pixels show which side
+        the Sun is on.
+        """
+        finest = self.start.grid.gsd
         return [
-            window_over(image, grid, height, self.coarsest, ground)
+            window_over(image, grid, height, self.coarsest, ground, finest_m=finest)
             for image, ground in zip(self.images, self.open, strict=True)
         ]
 

@@ -264,7 +264,7 @@ def test_a_region_is_a_subset(mission):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (["--constraint", "limbs"], "'limbs' is no kind of height"),
+        (["--constraint", "stars"], "'stars' is no kind of height"),
         (["--only", "XX0001"], "XX0001"),
         (["--as", "images"], "there is a solution 'images' already"),
         (["--photometry", "moonish"], "is none of"),
