@@ -60,7 +60,9 @@ class AlbedoEquations:
         )
 
 
-def eliminate_albedo(sums: Sums, albedo: FloatArray, sigma: float) -> AlbedoEquations:
+def eliminate_albedo(
+    sums: Sums, albedo: FloatArray, sigma: float, *, parameters: int = NUISANCES
+) -> AlbedoEquations:
     """Return the equations of albedo and nuisance parameters, slopes and heights as they are.
 
     Parameters
@@ -70,38 +72,43 @@ def eliminate_albedo(sums: Sums, albedo: FloatArray, sigma: float) -> AlbedoEqua
     albedo : (R − 1, C − 1) ndarray
     sigma : float
         Prior standard deviation of the albedo about 1.
+    parameters : int
+        Nuisance parameters of each image: 5, or 6 with that of its contrast.
     """
     count = len(sums.nuisance)
     weight = sums.normal[9] + sigma**-2
     step = (sums.right[3] + (1.0 - albedo) * sigma**-2) / weight
     root = np.sqrt(weight)
-    rows = np.empty((NUISANCES * count, *albedo.shape))
+    rows = np.empty((parameters * count, *albedo.shape))
     _albedo_rows(sums.factors, root, rows)
     flat = rows.reshape(len(rows), -1)
     # A matrix times its own transpose costs half of a product of two matrices.
     nuisance = -(flat @ flat.T)
-    right = sums.nuisance[:, :, NUISANCES].ravel() - flat @ (root * step).ravel()
+    right = sums.nuisance[:, :parameters, -1].ravel() - flat @ (root * step).ravel()
     for k in range(count):
-        own = slice(NUISANCES * k, NUISANCES * (k + 1))
-        nuisance[own, own] += sums.nuisance[k, :, :NUISANCES]
+        own = slice(parameters * k, parameters * (k + 1))
+        nuisance[own, own] += sums.nuisance[k, :parameters, :parameters]
     return AlbedoEquations(weight, step, rows, nuisance, right)
 
 
 @compiled
 def _albedo_rows(factors: AnyArray, root: FloatArray, rows: FloatArray) -> None:
-    """Fill `rows` (5 K, R − 1, C − 1) from factors of K images, see :class:`AlbedoEquations`."""
+    """Fill `rows` (P, R − 1, C − 1) from factors of K images, see :class:`AlbedoEquations`."""
+    parameters = rows.shape[0] // factors.shape[0]
     for k in range(factors.shape[0]):
         for i in range(root.shape[0]):
             along_y = (2.0 * i + 1.0) / root.shape[0] - 1.0
             for j in range(root.shape[1]):
                 by_albedo = factors[k, i, j, UNKNOWNS - 1] / root[i, j]
                 bright = by_albedo * factors[k, i, j, UNKNOWNS]
-                place = NUISANCES * k
+                place = parameters * k
                 rows[place, i, j] = bright
                 rows[place + 1, i, j] = bright * ((2.0 * j + 1.0) / root.shape[1] - 1.0)
                 rows[place + 2, i, j] = bright * along_y
                 rows[place + 3, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 1]
                 rows[place + 4, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 2]
+                if parameters > NUISANCES:
+                    rows[place + 5, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 3]
 
 
 def with_priors(
@@ -113,14 +120,15 @@ def with_priors(
     ----------
     equations : (P, P), (P,) ndarrays
         Without priors.
-    before : (K, 5) ndarray
+    before : (K, M) ndarray
         Nuisance parameters of the images; the first has no prior.
-    known : (K, 5, 5) ndarray
+    known : (K, M, M) ndarray
         Prior information on these about 0.
     """
     normal, right = (one.copy() for one in equations)
+    count = before.shape[1]
     for k in range(len(before)):
-        own = slice(NUISANCES * k, NUISANCES * (k + 1))
+        own = slice(count * k, count * (k + 1))
         normal[own, own] += known[k]
         right[own] -= known[k] @ before[k]
     return normal, right

@@ -21,8 +21,11 @@ UNKNOWNS = 4
 # Nuisance parameters of an image: logarithm of its scale λ, changes of it along the grid's x and y
 # (from the centre to the edge), shifts along samples and lines (px).
 NUISANCES = 5
+# With brightness added to the whole image, relative to its mean: errors of contrast. It is not
+# estimated, and counts in sigmas.
+WITH_CONTRAST = 6
 # Numbers of a cell in one image: see :func:`gather_cells`.
-FACTORS = UNKNOWNS + 3
+FACTORS = UNKNOWNS + 4
 # Smallest extent of a cell in the image, pixels: its centre lies in one pixel then.
 _LEAST_EXTENT = 1e-6
 
@@ -159,7 +162,7 @@ def _over_pixels(
 @compiled
 def gather_cells(
     places: Places,
-    seeing: tuple[float, float, FloatArray],
+    seeing: tuple[float, float, FloatArray, float],
     window: FloatArray,
     bright: tuple[FloatArray, FloatArray, FloatArray],
     sums: tuple[FloatArray, AnyArray, FloatArray],
@@ -175,8 +178,8 @@ def gather_cells(
     ----------
     places : four (R, C) ndarrays
         Sample and line of each point, and their derivatives by its height, pixels a metre.
-    seeing : facing, blur, seen
-        As in :func:`spread_cells`.
+    seeing : facing, blur, seen, level
+        As in :func:`spread_cells`; mean expected brightness of the image.
     window : (H, W, 5) ndarray
         Weight 1/σ² over the area of all cells in a pixel, and its products with the residual, the
         expected brightness, and the derivatives of that along samples and lines of the image. All
@@ -187,17 +190,17 @@ def gather_cells(
     sums : three ndarrays
         To the first and the last it is added; the second is filled.
         (R − 1, C − 1, 14): upper triangle, row by row, of the normal matrix of (∂h/∂x, ∂h/∂y, h,
-        albedo), then its right-hand side. (R − 1, C − 1, 7): derivatives of the brightness by these
-        four unknowns, and by ln λ and the shifts along samples and lines, each times the root of
-        the weight: the products of the two are those of the unknowns with the image's nuisance
-        parameters. (5, 6): normal matrix of these, and in the last column its right-hand side,
+        albedo), then its right-hand side. (R − 1, C − 1, 8): derivatives of the brightness by these
+        four unknowns, and by ln λ, the shifts along samples and lines and the added brightness,
+        each times the root of the weight: the products of the two are those of the unknowns with
+        the image's nuisance parameters. (6, 7): normal matrix of these, and in the last column its right-hand side,
         over all cells.
     """
     u, v, up_u, up_v = places
-    facing, blur, seen = seeing
+    facing, blur, seen, level = seeing
     unit_bright, albedo, shades = bright
     own, factors, nuisance = sums
-    normal = np.zeros((NUISANCES, NUISANCES + 1))
+    normal = np.zeros((WITH_CONTRAST, WITH_CONTRAST + 1))
     for i in range(seen.shape[0]):
         along_y = (2.0 * i + 1.0) / seen.shape[0] - 1.0
         for j in range(seen.shape[1]):
@@ -233,14 +236,15 @@ def gather_cells(
             factors[i, j, UNKNOWNS] = root * mean
             factors[i, j, UNKNOWNS + 1] = root * by_u
             factors[i, j, UNKNOWNS + 2] = root * by_v
+            factors[i, j, UNKNOWNS + 3] = root * level
             along_x = (2.0 * j + 1.0) / seen.shape[1] - 1.0
-            extra = (mean, mean * along_x, mean * along_y, by_u, by_v)
-            for a in range(NUISANCES):
+            extra = (mean, mean * along_x, mean * along_y, by_u, by_v, level)
+            for a in range(WITH_CONTRAST):
                 weighted = weight * extra[a]
-                for b in range(a, NUISANCES):
+                for b in range(a, WITH_CONTRAST):
                     normal[a, b] += weighted * extra[b]
-                normal[a, NUISANCES] += pull * extra[a]
-    for a in range(NUISANCES):
-        nuisance[a, NUISANCES] += normal[a, NUISANCES]
-        for b in range(NUISANCES):
+                normal[a, WITH_CONTRAST] += pull * extra[a]
+    for a in range(WITH_CONTRAST):
+        nuisance[a, WITH_CONTRAST] += normal[a, WITH_CONTRAST]
+        for b in range(WITH_CONTRAST):
             nuisance[a, b] += normal[min(a, b), max(a, b)]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline, compiled_sums
 from spcola.heights import inverse_diagonal
 
@@ -156,15 +156,31 @@ class CellSurface:
             out -= cho_solve(self._nuisance, self._coupled @ x) @ self._coupled
         return out
 
-    def variance(self) -> FloatArray:
-        """Return the variances (R, C) of the heights, m²; those of nuisance parameters enter."""
+    def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
+        """Return the variances (R, C) of the heights, m²; those of nuisance parameters enter.
+
+        Parameters
+        ----------
+        considered : (P,) ndarray of bool, optional
+            Nuisance parameters that are not estimated: heights are solved as if they were 0, and
+            their errors change the heights by all of their effect (Schmidt 1966).
+        sigma : float
+            Standard deviation of each of these.
+        """
         own = inverse_diagonal(self._factor)
-        if len(self._coupled):
-            solved = self._direct_of_nuisances()
-            left = self._nuisance_normal - self._coupled @ solved.T
-            root = np.linalg.cholesky(0.5 * (left + left.T))
-            own = own + np.sum(solve_triangular(root, solved, lower=True) ** 2, axis=0)
-        return own.reshape(self._shape)
+        if not len(self._coupled):
+            return own.reshape(self._shape)
+        solved = self._direct_of_nuisances()
+        left = self._nuisance_normal - self._coupled @ solved.T
+        left = 0.5 * (left + left.T)
+        fixed = np.zeros(len(left), dtype=np.bool_) if considered is None else considered
+        free = ~fixed
+        root = np.linalg.cholesky(left[np.ix_(free, free)])
+        by_free = solve_triangular(root, solved[free], lower=True)
+        own = own + np.sum(by_free**2, axis=0)
+        common = solve_triangular(root, left[np.ix_(free, fixed)], lower=True)
+        response = solved[fixed] - common.T @ by_free
+        return (own + sigma**2 * np.sum(response**2, axis=0)).reshape(self._shape)
 
 
 @compiled

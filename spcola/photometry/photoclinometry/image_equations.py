@@ -10,7 +10,7 @@ from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.math.robust import mad
 from spcola.photometry.photoclinometry.cell_pixels import (
     FACTORS,
-    NUISANCES,
+    WITH_CONTRAST,
     Places,
     gather_cells,
     shade_cells,
@@ -30,8 +30,9 @@ from spcola.photometry.photoclinometry.surface import Surface
 _FILLED = 0.6
 # Fewest pixels of an image: its scale and shift take three of them.
 _FEWEST = 30
-# Brightness relative to its mean below which the error of a pixel falls no further.
-_DARK = 0.3
+# Brightness relative to its mean below which the error of a pixel falls no further: slopes that the
+# grid does not resolve change the brightness of inclined ground by as much as that of bright ground.
+_DARK = 1.0
 # Least-squares solutions of a scale that is not known yet, each with new weights; one that is known
 # is found anew in each round, with the spread of the one before.
 _SCALE_ROUNDS = 3
@@ -197,10 +198,10 @@ class Sums:
     own : (R − 1, C − 1, 14) ndarray
         Upper triangle, row by row, for (∂h/∂x, ∂h/∂y, h, albedo) of each cell, then the right-hand
         side.
-    factors : (K, R − 1, C − 1, 7) ndarray of float32
+    factors : (K, R − 1, C − 1, 8) ndarray of float32
         Derivatives by these unknowns and by the nuisance parameters of each image, over the error
         of the brightness, as :func:`gather_cells` has them.
-    nuisance : (K, 5, 6) ndarray
+    nuisance : (K, 6, 7) ndarray
         Normal matrices and right-hand sides of the nuisance parameters.
     """
 
@@ -214,7 +215,7 @@ class Sums:
         return cls(
             np.zeros((*cells, 14)),
             np.zeros((images, *cells, FACTORS), dtype=np.float32),
-            np.zeros((images, NUISANCES, NUISANCES + 1)),
+            np.zeros((images, WITH_CONTRAST, WITH_CONTRAST + 1)),
         )
 
     @property
@@ -262,7 +263,8 @@ def add_image(
          window.block), weighted,
     )  # fmt: skip
     seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
-    seeing = window.facing, _blur(window, options), seen
+    level = state.scale * float(expected.mean())
+    seeing = window.facing, _blur(window, options), seen, level
     bright = state.scale * ground.lit, surface.albedo, ground.shades
     into = sums.own, sums.factors[number], sums.nuisance[number]
     places = ground.places

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage
 from spcola.control.estimation import shift_covariance
-from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
+from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, WITH_CONTRAST
 from spcola.photometry.photoclinometry.image_equations import ImageState
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 
@@ -47,6 +47,28 @@ def nuisance_priors(
         covariance = np.where(np.isfinite(covariance), covariance, 0.0)
         one[3:, 3:] = np.linalg.inv(covariance + options.shift_sigma_px**2 * np.eye(2))
     return known
+
+
+def with_contrast(
+    before: FloatArray, known: FloatArray, sigma: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return nuisance parameters and priors with those of the contrast, and where the latter are.
+
+    Parameters
+    ----------
+    before, known : (K, 5), (K, 5, 5) ndarrays
+        Values of nuisance parameters, and prior information on them.
+    sigma : float
+        Standard deviation of the errors of contrast.
+
+    Returns
+    -------
+    (K, 6) ndarray, (K, 6, 6) ndarray, (6 K,) ndarray of bool
+    """
+    values = np.pad(before, ((0, 0), (0, 1)))
+    priors = np.pad(known, ((0, 0), (0, 1), (0, 1)))
+    priors[:, NUISANCES, NUISANCES] = sigma**-2
+    return values, priors, np.tile(np.arange(WITH_CONTRAST) == NUISANCES, len(before))
 
 
 def nuisance_values(states: Sequence[ImageState]) -> FloatArray:

@@ -34,6 +34,11 @@ class PhotoclinometryOptions:
         Expected standard deviation of the relative change of an image's scale λ from the centre of
         the grid to its edge: errors of the photometric function, and of roughness that the grid
         does not resolve. Without it these errors would bend the surface.
+    contrast_sigma : float
+        Standard deviation of the error of an image's contrast, relative: relief that the grid does
+        not resolve, stray light, the photometric function. It tilts and bends the surface. It is
+        not estimated, as the priors of slopes and albedo would favour less relief, but is in the
+        sigmas.
     shift_sigma_px : float
         Standard deviation of the place of the grid in an image whose state is known exactly,
         pixels: errors of the camera.
@@ -79,9 +84,10 @@ class PhotoclinometryOptions:
     psf_px: float = 0.0
     levels: tuple[int, ...] = (4, 2, 1)
     rounds: int = 12
-    albedo_sigma: float = 0.05
+    albedo_sigma: float = 0.08
     convention: AlbedoConvention = field(default_factory=AlbedoConvention)
     gradient_sigma: float = 0.03
+    contrast_sigma: float = 0.04
     shift_sigma_px: float = 0.05
     slope_sigma: float = 0.3
     twist_sigma: float = 0.25
@@ -89,7 +95,7 @@ class PhotoclinometryOptions:
     loss_scale: float = 3.0
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
-    error_factor: float = 1.5
+    error_factor: float = 1.3
     constraint_fraction: float = 1.0
     seed: int = 1
     stereo: bool = True
@@ -98,7 +104,7 @@ class PhotoclinometryOptions:
 
     def __post_init__(self) -> None:
         for name in (
-            "albedo_sigma", "gradient_sigma", "shift_sigma_px", "slope_sigma", "twist_sigma",
+            "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma", "twist_sigma",
             "least_error", "loss_scale", "determined_sigma", "error_factor",
             "settled_gsd", "settled_albedo",
         ):  # fmt: skip

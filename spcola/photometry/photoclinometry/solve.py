@@ -33,6 +33,7 @@ from spcola.photometry.photoclinometry.nuisances import (
     changed_state,
     nuisance_priors,
     nuisance_values,
+    with_contrast,
 )
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.result import ImageFit, Outcome, Photoclinometry, Round
@@ -224,8 +225,8 @@ class _Work:
         self.priors = Priors(slopes, *gathered(self.constraints, whole, grid))
         self.windows = self.cut(grid, self.surface.height)
 
-    def reduced(self, *, least_elevation: float = 0.0) -> Reduced:
-        """Return the normal equations of the cells, from images of at least that elevation (rad).
+    def sums(self, *, least_elevation: float = 0.0) -> Sums:
+        """Return the normal equations of images with the Sun at least so high (rad), summed.
 
         The scales and spreads of the images are changed to those of the surface.
         """
@@ -234,8 +235,14 @@ class _Work:
         for k, window in enumerate(self.windows):
             if window is not None and window.sun[2] >= np.sin(least_elevation):
                 self.states[k] = add_image(sums, k, window, surface, self.states[k], options)
+        return sums
+
+    def reduced(self) -> Reduced:
+        """Return the normal equations of the cells for a round."""
         before = nuisance_values(self.states)
-        return reduce_albedo(sums, surface, before, self.known, options.albedo_sigma)
+        return reduce_albedo(
+            self.sums(), self.surface, before, self.known, self.options.albedo_sigma
+        )
 
     def round_priors(self) -> Priors:
         """Return what counts in the next round: a random share of the heights, or all."""
@@ -284,27 +291,33 @@ def _result(work: _Work) -> Photoclinometry:
     """Judge the fits, and return the surface, or the start if it was better."""
     assert work.priors is not None
     fits = work.fits()
-    reduced = work.reduced(least_elevation=np.radians(work.options.least_elevation_deg))
-    sigma, directions = image_slopes(reduced, work.options.determined_sigma)
+    options = work.options
+    sums = work.sums(least_elevation=np.radians(options.least_elevation_deg))
+    before, prior, contrast = with_contrast(
+        nuisance_values(work.states), work.known, options.contrast_sigma
+    )
+    reduced = reduce_albedo(sums, work.surface, before, prior, options.albedo_sigma)
+    sigma, directions = image_slopes(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | work.precise))
-    outcome, reason = outcome_of(work.before, fits, work.rounds, determined, work.options)
+    outcome, reason = outcome_of(work.before, fits, work.rounds, determined, options)
     if outcome is Outcome.DIVERGED:
         return replace(_kept(work, fits, outcome), reason=reason)
     known = np.any([work.start.valid, *(one.weight > 0.0 for one in work.constraints)], axis=0)
     touched = at_cells(np.pad(directions.astype(np.float64), 1)) > 0.0
     known |= touched
     trusted = reduced.of_cells(directions == 2)
-    equations = height_equations(trusted, work.surface, work.priors, work.options)
-    height_sigma = work.options.error_factor * np.sqrt(equations.variance())
+    equations = height_equations(trusted, work.surface, work.priors, options)
+    variance = equations.variance(contrast, options.contrast_sigma)
+    height_sigma = options.error_factor * np.sqrt(variance)
     maplet = replace(
         work.start,
         height=np.where(known, work.surface.height, np.nan),
-        albedo=work.options.convention.stated(work.surface.point_albedo()),
+        albedo=options.convention.stated(work.surface.point_albedo()),
         sigma=np.where(known, height_sigma, np.nan),
         # Errors of the states are in the sigmas of the heights.
         center_sigma=np.zeros(3),
     )
-    albedo_sigma = work.options.convention.stated(1.0 / np.sqrt(reduced.albedo.weight))
+    albedo_sigma = options.convention.stated(1.0 / np.sqrt(reduced.albedo.weight))
     return Photoclinometry(
         maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
         work.light_ratio,

@@ -16,7 +16,7 @@ from spcola.photometry.photoclinometry.albedo_equations import (
     eliminate_albedo,
     with_priors,
 )
-from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS
+from spcola.photometry.photoclinometry.cell_pixels import UNKNOWNS
 from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInformation, CellSurface
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
@@ -36,13 +36,13 @@ class Reduced:
     Attributes
     ----------
     cells : CellInformation
-        Of images alone; nuisance parameters are five of each image.
+        Of images alone; nuisance parameters are five of each image, or six with that of its contrast.
     by_albedo : (3, R − 1, C − 1) ndarray
         Products of (∂h/∂x, ∂h/∂y, h) with the albedo, over the albedo's information: how much the
         albedo changes with them.
     albedo : AlbedoEquations
         Prior included.
-    factors : (K, R − 1, C − 1, 7) ndarray of float32
+    factors : (K, R − 1, C − 1, 8) ndarray of float32
         Of K images, as :class:`Sums` has them.
     gsd : float
         Metres.
@@ -73,14 +73,14 @@ def reduce_albedo(
     sums : Sums
         Over K images.
     surface : Surface
-    before : (K, 5) ndarray
-        Nuisance parameters of the images; the first has no prior.
-    known : (K, 5, 5) ndarray
+    before : (K, M) ndarray
+        Nuisance parameters of the images, 5 or 6 with that of the contrast; the first has no prior.
+    known : (K, M, M) ndarray
         Prior information on these about 0.
     sigma : float
         Prior standard deviation of the albedo about 1.
     """
-    alone = eliminate_albedo(sums, surface.albedo, sigma)
+    alone = eliminate_albedo(sums, surface.albedo, sigma, parameters=before.shape[1])
     by_albedo = sums.normal[_WITH_ALBEDO, ...] / alone.weight
     normal = np.stack(
         [
@@ -102,12 +102,13 @@ def reduce_albedo(
 def _couple(
     factors: AnyArray, by_albedo: FloatArray, chosen: BoolArray, gsd: float, out: AnyArray
 ) -> None:
-    """Add to `out` (5 K, R, C) the products of heights with the nuisance parameters of K images.
+    """Add to `out` (P, R, C) the products of heights with the nuisance parameters of K images.
 
     Those of the slopes and mean heights of the chosen cells, without their albedo, are taken to
     their corners.
     """
     half = 0.5 / gsd
+    count = out.shape[0] // max(factors.shape[0], 1)
     for k in range(factors.shape[0]):
         for i in range(chosen.shape[0]):
             along_y = (2.0 * i + 1.0) / chosen.shape[0] - 1.0
@@ -121,10 +122,11 @@ def _couple(
                 h = 0.25 * (own[2] - by_albedo[2, i, j] * albedo)
                 bright = np.float64(own[UNKNOWNS])
                 by_u, by_v = np.float64(own[UNKNOWNS + 1]), np.float64(own[UNKNOWNS + 2])
+                level = np.float64(own[UNKNOWNS + 3])
                 along_x = (2.0 * j + 1.0) / chosen.shape[1] - 1.0
-                extra = (bright, bright * along_x, bright * along_y, by_u, by_v)
-                for b in range(NUISANCES):
-                    points = out[NUISANCES * k + b]
+                extra = (bright, bright * along_x, bright * along_y, by_u, by_v, level)
+                for b in range(count):
+                    points = out[count * k + b]
                     points[i, j] += (h - x - y) * extra[b]
                     points[i, j + 1] += (h + x - y) * extra[b]
                     points[i + 1, j] += (h - x + y) * extra[b]
@@ -190,6 +192,13 @@ class HeightEquations(CellSurface):
         """Return heights (R, C), metres, and nuisance parameters (P,), those of points left out."""
         heights, nuisance = super().solve(tolerance=tolerance)
         return heights, nuisance[: self._own]
+
+    def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
+        """Return variances (R, C), m², as :class:`CellSurface`; `considered` (P,) without points."""
+        if considered is not None:
+            shared = len(self._coupled) - self._own
+            considered = np.concatenate([considered, np.zeros(shared, dtype=np.bool_)])
+        return super().variance(considered, sigma)
 
 
 def height_equations(

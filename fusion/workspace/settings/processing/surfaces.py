@@ -138,7 +138,7 @@ class LithosSettings(Table):
         default=0.0, description="sigma of the optics' point spread, pixels"
     )
     albedo_sigma: Annotated[float, Span(1e-6, 1.0)] = Field(
-        default=0.05, description="expected scatter of the relative albedo"
+        default=0.08, description="expected scatter of the relative albedo"
     )
     albedo_mean: Literal["1", "0.5"] = Field(
         default="1",
