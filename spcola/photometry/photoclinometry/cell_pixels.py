@@ -193,8 +193,8 @@ def gather_cells(
         albedo), then its right-hand side. (R − 1, C − 1, 8): derivatives of the brightness by these
         four unknowns, and by ln λ, the shifts along samples and lines and the added brightness,
         each times the root of the weight: the products of the two are those of the unknowns with
-        the image's nuisance parameters. (6, 7): normal matrix of these, and in the last column its right-hand side,
-        over all cells.
+        the image's nuisance parameters. (6, 7): normal matrix of these, and in the last column its
+        right-hand side, over all cells.
     """
     u, v, up_u, up_v = places
     facing, blur, seen, level = seeing

@@ -31,7 +31,7 @@ _FILLED = 0.6
 # Fewest pixels of an image: its scale and shift take three of them.
 _FEWEST = 30
 # Brightness relative to its mean below which the error of a pixel falls no further: slopes that the
-# grid does not resolve change the brightness of inclined ground by as much as that of bright ground.
+# grid does not resolve change dark ground by as much as bright ground.
 _DARK = 1.0
 # Least-squares solutions of a scale that is not known yet, each with new weights; one that is known
 # is found anew in each round, with the spread of the one before.

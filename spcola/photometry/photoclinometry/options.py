@@ -104,8 +104,8 @@ class PhotoclinometryOptions:
 
     def __post_init__(self) -> None:
         for name in (
-            "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma", "twist_sigma",
-            "least_error", "loss_scale", "determined_sigma", "error_factor",
+            "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma",
+            "twist_sigma", "least_error", "loss_scale", "determined_sigma", "error_factor",
             "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)

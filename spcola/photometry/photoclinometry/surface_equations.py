@@ -36,7 +36,7 @@ class Reduced:
     Attributes
     ----------
     cells : CellInformation
-        Of images alone; nuisance parameters are five of each image, or six with that of its contrast.
+        Of images alone; nuisance parameters are five of each image, six with its contrast.
     by_albedo : (3, R − 1, C − 1) ndarray
         Products of (∂h/∂x, ∂h/∂y, h) with the albedo, over the albedo's information: how much the
         albedo changes with them.
@@ -194,7 +194,7 @@ class HeightEquations(CellSurface):
         return heights, nuisance[: self._own]
 
     def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
-        """Return variances (R, C), m², as :class:`CellSurface`; `considered` (P,) without points."""
+        """Return variances (R, C), m²; `considered` are nuisance parameters of the cells."""
         if considered is not None:
             shared = len(self._coupled) - self._own
             considered = np.concatenate([considered, np.zeros(shared, dtype=np.bool_)])
