@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fusion.fusing import gives_means
@@ -22,8 +24,9 @@ from spcola.math.robust import mad
 from spcola.photometry.photoclinometry import HeightConstraint
 
 # A return of which fewer than `_SUPPORT` of the `_NEIGHBOURS` nearest ones agree within `_FAR`
-# sigmas is false.
-_NEIGHBOURS, _SUPPORT, _FAR = 12, 2, 5.0
+# sigmas is false, and so are the few returns of a group smaller than `_GROUP` which agree with each
+# other but not with the ground: where there is no other, false ones are each other's nearest.
+_NEIGHBOURS, _SUPPORT, _FAR, _GROUP = 12, 2, 5.0, 12
 # Share of the returns, those nearest to another one, whose differences are noise; fewest of them.
 _CLOSE, _FEWEST = 0.1, 20
 # Mapolas of which the density of the lidar is taken; share of their cells with returns, that of one
@@ -208,7 +211,7 @@ def noise_of_pairs(places: FloatArray, apart: FloatArray, default: float) -> flo
 def supported(
     places: FloatArray, sigma: FloatArray, apart: FloatArray, slope_sigma: float, grid: MapletGrid
 ) -> BoolArray:
-    """Return which returns (N,) at least two of the nearest ones support.
+    """Return which returns (N,) at least two of the nearest ones and the ground around support.
 
     Parameters
     ----------
@@ -225,16 +228,42 @@ def supported(
     count = min(_NEIGHBOURS, len(places) - 1)
     if count < _SUPPORT:
         return np.zeros(len(places), dtype=np.bool_)
+    every = np.arange(len(places))
+
+    def agree(distance: FloatArray, one: IntArray, other: IntArray) -> BoolArray:
+        # Errors of slopes from cell to cell are independent.
+        relief = slope_sigma * np.sqrt(grid.gsd * np.maximum(distance, grid.gsd))
+        allowed = _FAR * np.sqrt(sigma[one] ** 2 + sigma[other] ** 2 + relief**2)
+        near: BoolArray = np.abs(apart[one] - apart[other]) <= allowed
+        return near
+
     distance, other = _nearest(places, count + 1)
     # A place may be that of several returns, so that the first is not always the return itself.
-    own = other == np.arange(len(places))[:, None]
+    own = other == every[:, None]
     own[~own.any(axis=1), -1] = True
-    differences = np.abs(apart[other] - apart[:, None])
-    # Errors of slopes from cell to cell are independent.
-    relief = slope_sigma * np.sqrt(grid.gsd * np.maximum(distance, grid.gsd))
-    allowed = _FAR * np.sqrt(sigma[other] ** 2 + sigma[:, None] ** 2 + relief**2)
-    enough: BoolArray = np.sum((differences <= allowed) & ~own, axis=1) >= _SUPPORT
+    linked = agree(distance, every[:, None], other) & ~own
+    enough: BoolArray = np.sum(linked, axis=1) >= _SUPPORT
+    if not enough.any():
+        return enough
+    ground = enough & _in_large_groups(linked, other)
+    alone = np.flatnonzero(enough & ~ground)
+    distance, place = cKDTree(places[ground, :2]).query(places[alone, :2])
+    enough[alone] = agree(np.asarray(distance), alone, np.flatnonzero(ground)[place])
     return enough
+
+
+def _in_large_groups(linked: BoolArray, other: IntArray) -> BoolArray:
+    """Return which returns (N,) are in a group of at least `_GROUP`, or else in the largest.
+
+    `linked` (N, K) are agreements with the returns `other` (N, K); a group is connected by them.
+    """
+    size = len(linked)
+    rows, columns = np.nonzero(linked)
+    links = csr_array((np.ones(len(rows)), (rows, other[rows, columns])), (size, size))
+    group = connected_components(links, directed=False)[1]
+    members = np.bincount(group)[group]
+    large: BoolArray = members >= min(_GROUP, int(members.max()))
+    return large
 
 
 def _nearest(places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:

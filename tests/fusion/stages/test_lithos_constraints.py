@@ -319,6 +319,21 @@ def test_false_returns_have_no_support():
     assert not supported(places[:2], np.full(2, 0.03), apart[:2], 0.3, GRID).any()
 
 
+def test_false_returns_alone_in_a_gap_do_not_support_each_other():
+    rng = np.random.default_rng(5)
+    places = np.column_stack([rng.uniform(-10, 10, (2000, 2)), rng.normal(0.0, 0.03, 2000)])
+    places = places[np.abs(places[:, 0]) > 3.0]
+    # Two metres and less from each other, three and more from the ground.
+    inside = np.column_stack([rng.uniform(-0.5, 0.5, 5), np.linspace(-4, 4, 5)])
+    false = np.column_stack([inside, -18.0 + rng.normal(0.0, 0.3, 5)])
+    true = np.array([[0.0, 6.0, 0.5], [0.3, 6.5, 0.5], [-0.3, 7.0, 0.6]])
+    every = np.concatenate([places, false, true])
+    kept = supported(every, np.full(len(every), 0.03), every[:, 2], 0.3, GRID)
+    assert kept[: len(places)].all()
+    assert not kept[len(places) : -3].any()
+    assert kept[-3:].all()
+
+
 def test_noise_is_found_from_close_pairs():
     rng = np.random.default_rng(4)
     places = np.column_stack([rng.uniform(-5, 5, (3000, 2)), np.zeros(3000)])
