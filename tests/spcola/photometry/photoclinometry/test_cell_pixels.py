@@ -91,8 +91,8 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
     # As if all pixels were expected to be 1: the sum over cells is that over pixels then.
     window[used, 2] = 1.0 / sums[0][used]
     bright = np.full(CELLS, scale), albedo, shades
-    own, factors, nuisance = np.zeros((*CELLS, 14)), np.zeros((*CELLS, 7)), np.zeros((5, 6))
-    gather_cells(where, (1.0, 0.0, np.ones(CELLS)), window, bright, (own, factors, nuisance))
+    own, factors, nuisance = np.zeros((*CELLS, 14)), np.zeros((*CELLS, 8)), np.zeros((6, 7))
+    gather_cells(where, (1.0, 0.0, np.ones(CELLS), 0.7), window, bright, (own, factors, nuisance))
     step = 1e-6
     for place in ((0, 0), (3, 4), (6, 8), (2, 7)):
         for unknown in (0, 1, 3):
@@ -106,4 +106,6 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
                 changed.append(0.5 * np.sum(residuals(moved, bright) ** 2))
             gradient = -(changed[0] - changed[1]) / (2 * step)
             assert own[place][10 + unknown] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
-    assert nuisance[0, 5] == pytest.approx(np.sum(left))
+    assert nuisance[0, 6] == pytest.approx(np.sum(left))
+    # Brightness added to every pixel.
+    assert nuisance[5, 6] == pytest.approx(0.7 * np.sum(left))

@@ -65,6 +65,21 @@ def test_variances_are_those_of_the_dense_inverse(dense):
     np.testing.assert_allclose(surface.variance().ravel(), exact, rtol=1e-9)
 
 
+def test_variances_with_a_parameter_that_is_not_estimated(dense):
+    """Heights are solved without it; an error of it changes them by what the equations state."""
+    surface, matrix, _ = dense
+    points, sigma = SHAPE[0] * SHAPE[1], 0.7
+    fixed = np.array([False, True, False])
+    free = np.concatenate([np.ones(points, dtype=bool), ~fixed])
+    inverse = np.linalg.inv(matrix[np.ix_(free, free)])
+    response = (inverse @ matrix[np.ix_(free, ~free)])[:points]
+    exact = np.diag(inverse)[:points] + sigma**2 * np.sum(response**2, axis=1)
+    found = surface.variance(fixed, sigma)
+    np.testing.assert_allclose(found.ravel(), exact, rtol=1e-9)
+    none = surface.variance(fixed, 0.0).ravel()
+    np.testing.assert_allclose(none, np.diag(inverse)[:points], rtol=1e-9)
+
+
 def test_a_direction_of_the_slope_enters_and_the_other_does_not():
     """Slopes along a diagonal are known; heights along the other diagonal stay with the points."""
     normal, right = np.zeros((6, *CELLS)), np.zeros((3, *CELLS))

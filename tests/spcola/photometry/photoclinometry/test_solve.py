@@ -160,19 +160,42 @@ def test_stereo_gives_the_height_without_any_constraint(painted, photographs):
     assert abs(np.mean(inner(found.maplet.height - painted.heights()))) < 0.1
 
 
-def test_images_in_one_light_determine_one_direction_of_the_slope(painted, noiseless):
+def test_sigmas_contain_errors_of_contrast(painted, photographs):
+    """Brightness is added to each image: relief looks lower, and the surface is tilted and bent."""
+    sigma = 0.03
+    options = replace(FEW_ROUNDS, contrast_sigma=sigma)
+    right = solved(painted, photographs, options)
+    pulls = []
+    for seed in range(3):
+        added = sigma * np.random.default_rng(seed).normal(size=len(photographs))
+        wrong = [
+            replace(one, pixels=one.pixels + share * np.mean(one.pixels[one.pixels > 0]))
+            for one, share in zip(photographs, added, strict=True)
+        ]
+        found = solved(painted, wrong, options)
+        pulls.append(inner((found.maplet.height - right.maplet.height) / right.maplet.sigma))
+    spread = np.sqrt(np.mean(np.square(pulls)))
+    # The factor on sigmas is in them.
+    assert 0.5 < spread * options.error_factor < 1.5
+    without = solved(painted, photographs, replace(options, contrast_sigma=1e-6))
+    assert np.median(right.maplet.sigma) > 2.0 * np.median(without.maplet.sigma)
+
+
+def test_images_in_one_light_determine_one_direction_of_the_slope(painted, photographs):
     light = [0.7, 0.0, 0.7]
     images = [
         painted.photograph(f"S{k}", toward, light, size=90)
         for k, (toward, _) in enumerate(SIGHTS[:3])
     ]
-    found = solved(painted, images, replace(FEW_ROUNDS, albedo_sigma=0.02))
+    right = replace(FEW_ROUNDS, albedo_sigma=0.02, contrast_sigma=1e-6)
+    found = solved(painted, images, right)
     assert np.median(inner(found.directions)) == 1
     assert np.isinf(np.median(inner(found.slope_sigma[1])))
     assert found.outcome is Outcome.UNDETERMINED
     assert "both directions of the slope" in found.reason
     # One slope is free, so that heights are hardly better known than without any image.
-    assert np.median(found.maplet.sigma) > 5.0 * np.median(noiseless.maplet.sigma)
+    several = solved(painted, photographs, right)
+    assert np.median(found.maplet.sigma) > 5.0 * np.median(several.maplet.sigma)
     heights = HeightConstraint.of_sigma("all", painted.heights(), 0.1)
     constrained = solved(painted, images, FEW_ROUNDS, constraints=[heights])
     assert constrained.outcome is not Outcome.UNDETERMINED
@@ -269,10 +292,11 @@ def test_light_along_the_ground_determines_no_heights(painted, photographs):
     assert "0 with the Sun 20° high" in alone.reason
     np.testing.assert_array_equal(alone.maplet.height, 0.0)
     heights = HeightConstraint.of_sigma("all", painted.heights(), 0.1)
-    constrained = solved(painted, low, FEW_ROUNDS, constraints=[heights])
+    right = replace(FEW_ROUNDS, contrast_sigma=1e-6)
+    constrained = solved(painted, low, right, constraints=[heights])
     assert not constrained.kept_start
-    # What such images say of heights does not count in their sigmas.
-    high = solved(painted, photographs, FEW_ROUNDS, constraints=[heights])
+    # What such images show of heights does not count in their sigmas.
+    high = solved(painted, photographs, right, constraints=[heights])
     assert np.median(constrained.maplet.sigma) > 2.0 * np.median(high.maplet.sigma)
 
 
