@@ -17,7 +17,7 @@ from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
 from spcola.formats.maplets import write_maplet
 from spcola.formats.solution import read_summary, write_summary
-from spcola.grids import MapletGrid
+from spcola.grids import Maplet, MapletGrid
 from spcola.heights.slopes import slopes_of
 from spcola.truth.body import TruthBody
 
@@ -210,21 +210,22 @@ def test_maplets_around_hide_and_shade_a_maplet(mission, tmp_path):
     def far(name):
         return np.linalg.norm(workspace.maplet(name).grid.center - own.center)
 
-    # The maplets at its edges; a narrow wall on each lies outside of it.
-    near = sorted(others, key=lambda name: abs(far(name) - 1.5 * own.radius))[:6]
+    near = sorted(others, key=far)[:8]
 
     def pixels():
         content = called("spc", "lithos", root, *only(SOME[0]), "--rounds", "1")
         return sum(one["pixels"] for one in content["maplets"][SOME[0]]["images"].values())
 
     before = pixels()
-    for name in near:
-        raised = workspace.maplet(name)
-        wall, middle = raised.height.copy(), raised.grid.half_size
-        wall[middle - 5 : middle + 6, middle - 5 : middle + 6] += 30.0
+    # A ring of towers, outside of its square.
+    for name, turn in zip(near, np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False), strict=True):
+        place = own.center + 1.5 * own.radius * np.array([np.cos(turn), np.sin(turn), 0]) @ own.axes
+        tower, middle = np.zeros(own.shape), own.half_size
+        tower[middle - 12 : middle + 13, middle - 12 : middle + 13] = 60.0
+        raised = Maplet(name, MapletGrid(place, own.axes, own.gsd, own.half_size), tower)
         (root / "MAPFILES" / f"{name}.MAP").unlink()
-        write_maplet(root / "MAPFILES" / f"{name}.MAP", replace(raised, height=wall))
-    assert pixels() < before
+        write_maplet(root / "MAPFILES" / f"{name}.MAP", raised)
+    assert pixels() < 0.8 * before
 
 
 @pytest.mark.parametrize(
