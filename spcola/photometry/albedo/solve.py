@@ -37,6 +37,8 @@ from spcola.shape import RayCaster
 _SLOPES_WITH_ALBEDO = (3, 6)
 # Standard deviation of the mean over images of the relative change of λ over the grid.
 _COMMON = 1e-5
+# Of pixels, in place of that of photoclinometry, with which errors of slopes enter the albedo more.
+_LEAST_BRIGHTNESS = 0.3
 # Views of images over windows that stay in memory, about a megabyte each.
 _KEPT = 100
 
@@ -274,12 +276,13 @@ class _Work:
         The new spreads of these images are added to `spreads`.
         """
         surface = self.ground.surface(window, self.albedo)
+        options = replace(self.options.photoclinometry, least_brightness=_LEAST_BRIGHTNESS)
         views = [(k, v) for k, v in self.views(window) if np.isfinite(self.states[k].spread)]
         sums = Sums.empty(len(views), surface.albedo.shape)
         for place, (k, view) in enumerate(views):
             spread = add_image(
                 sums, place, view, surface, window.state(self.states[k]),
-                self.options.photoclinometry, cells=window.inside, rescale=False,
+                options, cells=window.inside, rescale=False,
             ).spread  # fmt: skip
             if spreads is not None and np.isfinite(spread):
                 spreads[k].append(spread)

@@ -30,9 +30,6 @@ from spcola.photometry.photoclinometry.surface import Surface
 _FILLED = 0.6
 # Fewest pixels of an image: its scale and shift take three of them.
 _FEWEST = 30
-# Brightness relative to its mean below which the error of a pixel falls no further: slopes that the
-# grid does not resolve change dark ground by as much as bright ground.
-_DARK = 1.0
 # Least-squares solutions of a scale that is not known yet, each with new weights; one that is known
 # is found anew in each round, with the spread of the one before.
 _SCALE_ROUNDS = 3
@@ -257,10 +254,10 @@ def add_image(
     found = scaled(pixels, expected, state, options)
     state = found if rescale else state
     weighted = np.zeros((*window.pixels.shape, 5))
+    dark = options.least_brightness * float(expected.mean())
     weigh_pixels(
         window.pixels, used, (compared.expected, compared.area, compared.edge),
-        (state.scale, state.spread, _DARK * float(expected.mean()), options.loss_scale,
-         window.block), weighted,
+        (state.scale, state.spread, dark, options.loss_scale, window.block), weighted,
     )  # fmt: skip
     seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
     level = state.scale * float(expected.mean())

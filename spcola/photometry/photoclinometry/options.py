@@ -50,6 +50,10 @@ class PhotoclinometryOptions:
     least_error : float
         Smallest error of brightness, relative: what the photometric function and the flat cells
         cannot express.
+    least_brightness : float
+        Brightness, relative to the mean of an image, below which the error of a pixel falls no
+        further: slopes that the grid does not resolve change dark ground by as much as bright
+        ground.
     loss_scale : float
         Residual, in its sigmas, beyond which a pixel is down-weighted: shadows of boulders smaller
         than a cell, cosmic rays, blooming.
@@ -92,6 +96,7 @@ class PhotoclinometryOptions:
     slope_sigma: float = 0.3
     twist_sigma: float = 0.25
     least_error: float = 0.01
+    least_brightness: float = 1.0
     loss_scale: float = 3.0
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
@@ -105,8 +110,8 @@ class PhotoclinometryOptions:
     def __post_init__(self) -> None:
         for name in (
             "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma",
-            "twist_sigma", "least_error", "loss_scale", "determined_sigma", "error_factor",
-            "settled_gsd", "settled_albedo",
+            "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
+            "error_factor", "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -277,7 +277,7 @@ def test_coarser_maplets_and_those_of_the_same_gsd_are_two_kinds(mission, true_m
         return np.sqrt(np.mean(height_error((root, mission[1]), kind) ** 2))
 
     with_coarser, with_overlaps = error("coarser"), error("overlaps")
-    assert with_coarser < 0.7 * with_overlaps
+    assert with_coarser < 0.8 * with_overlaps
     # Its sigma is 0.02 m; that of the others is half a grid step.
     (root / "MAPLIST.TXT").write_text(listed)
     given = ("--start", "shape", "--constraint", "overlaps", "--as", "without")
