@@ -247,8 +247,8 @@ def supported(
         return enough
     ground = enough & _in_large_groups(linked, other)
     alone = np.flatnonzero(enough & ~ground)
-    distance, place = cKDTree(places[ground, :2]).query(places[alone, :2])
-    enough[alone] = agree(np.asarray(distance), alone, np.flatnonzero(ground)[place])
+    away, place = cKDTree(places[ground, :2]).query(places[alone, :2])
+    enough[alone] = agree(np.asarray(away), alone, np.flatnonzero(ground)[place])
     return enough
 
 
