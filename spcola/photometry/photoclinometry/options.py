@@ -100,7 +100,7 @@ class PhotoclinometryOptions:
     loss_scale: float = 3.0
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
-    error_factor: float = 1.3
+    error_factor: float = 1.2
     constraint_fraction: float = 1.0
     seed: int = 1
     stereo: bool = True
