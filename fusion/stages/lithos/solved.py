@@ -20,7 +20,7 @@ from spcola import atomic
 from spcola.formats.maplets import write_albedo_sigma, write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 8
+_VERSION = 9
 
 
 def lithos_solution(

@@ -46,7 +46,7 @@ class PhotoclinometryOptions:
         Expected standard deviation of the slope of a cell about that of the start surface.
     twist_sigma : float
         Expected standard deviation of ``(h00 − h01 − h10 + h11) / gsd`` of a cell's four corners,
-        which its slopes do not contain.
+        which its slopes do not contain. Where single points constrain a cell it is 0.12 at most.
     least_error : float
         Smallest error of brightness, relative: what the photometric function and the flat cells
         cannot express.

@@ -27,6 +27,8 @@ from spcola.photometry.photoclinometry.surface import Surface, cell_slopes
 # their products with the albedo do.
 _OWN, _WITH_ALBEDO = (0, 1, 2, 4, 5, 7), (3, 6, 8)
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+# Standard deviation of the twist of cells of rough ground, of a GSD.
+_GROUND_TWIST = 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +222,7 @@ def height_equations(
     normal[0] += weight
     normal[3] += weight
     right[:2] += weight * (priors.slopes - surface.slopes)
-    twist = np.full(surface.albedo.shape, (options.twist_sigma * gsd) ** -2)
+    twist = _twist_information(priors.points, options.twist_sigma, gsd)
     pull = priors.weight * (priors.height - height)
     _add_twist(pull, -twist * _twist(height))
     return HeightEquations(
@@ -231,6 +233,17 @@ def height_equations(
         pull,
         twist,
     )
+
+
+def _twist_information(points: CellHeights, sigma: float, gsd: float) -> FloatArray:
+    """Return the prior information (R − 1, C − 1), 1/m², on the twist of each cell.
+
+    Points see a cell as a plane, and their noise would go into what only the prior limits. Where
+    there are none, errors of brightness are common to many cells: a tight prior turns them into
+    errors of heights.
+    """
+    with_points = points.normal[-1] > 0.0
+    return (np.where(with_points, min(sigma, _GROUND_TWIST), sigma) * gsd) ** -2
 
 
 def _twist(height: FloatArray) -> FloatArray:
