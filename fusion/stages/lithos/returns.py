@@ -24,8 +24,9 @@ from spcola.math.robust import mad
 from spcola.photometry.photoclinometry import HeightConstraint
 
 # A return of which fewer than `_SUPPORT` of the `_NEIGHBOURS` nearest ones agree within `_FAR`
-# sigmas is false, and so are the few returns of a group smaller than `_GROUP` which agree with each
-# other but not with the ground: where there is no other, false ones are each other's nearest.
+# sigmas is false. In a gap false ones are each other's nearest, and some agree: only groups of at
+# least `_GROUP` returns, each with the agreement of half of its nearest ones, are the ground, and
+# others have to agree with the nearest return of it.
 _NEIGHBOURS, _SUPPORT, _FAR, _GROUP = 12, 2, 5.0, 12
 # Share of the returns, those nearest to another one, whose differences are noise; fewest of them.
 _CLOSE, _FEWEST = 0.1, 20
@@ -213,6 +214,10 @@ def supported(
 ) -> BoolArray:
     """Return which returns (N,) at least two of the nearest ones and the ground around support.
 
+    The ground around are returns with which at least half of the nearest ones agree, in large
+    groups. Where the lidar has a gap the nearest ones of a false return are other false ones, of
+    which some agree by chance.
+
     Parameters
     ----------
     places : (N, 3) ndarray
@@ -242,10 +247,12 @@ def supported(
     own = other == every[:, None]
     own[~own.any(axis=1), -1] = True
     linked = agree(distance, every[:, None], other) & ~own
-    enough: BoolArray = np.sum(linked, axis=1) >= _SUPPORT
-    if not enough.any():
-        return enough
-    ground = enough & _in_large_groups(linked, other)
+    support = np.sum(linked, axis=1)
+    enough: BoolArray = support >= _SUPPORT
+    most: BoolArray = 2 * support >= count
+    if not most.any():
+        return most
+    ground = most & _in_large_groups(linked & most[:, None] & most[other], other)
     alone = np.flatnonzero(enough & ~ground)
     away, place = cKDTree(places[ground, :2]).query(places[alone, :2])
     enough[alone] = agree(np.asarray(away), alone, np.flatnonzero(ground)[place])

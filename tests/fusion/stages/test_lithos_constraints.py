@@ -334,6 +334,20 @@ def test_false_returns_alone_in_a_gap_do_not_support_each_other():
     assert kept[-3:].all()
 
 
+def test_sparse_false_returns_of_all_heights_in_a_wide_gap_are_found():
+    """Among twelve sparse ones some agree by chance, and chains of them make a large group."""
+    rng = np.random.default_rng(0)
+    places = np.column_stack([rng.uniform(-10, 10, (4000, 2)), rng.normal(0.0, 0.03, 4000)])
+    places = places[np.abs(places[:, 0]) > 5.0]
+    inside = rng.uniform([-5.0, -10.0], [5.0, 10.0], (200, 2))
+    every = np.concatenate([places, np.column_stack([inside, rng.uniform(-20, 20, 200)])])
+    kept = supported(every, np.full(len(every), 0.03), every[:, 2], 0.3, GRID)
+    assert kept[: len(places)].all()
+    wrong = np.abs(every[kept, 2])
+    assert wrong.max() < 2.5
+    assert np.sum(wrong > 1.0) < 6
+
+
 def test_noise_is_found_from_close_pairs():
     rng = np.random.default_rng(4)
     places = np.column_stack([rng.uniform(-5, 5, (3000, 2)), np.zeros(3000)])
