@@ -45,10 +45,11 @@ from spcola.photometry.photoclinometry import (
 )
 from spcola.shape import shape_heights
 
+ALONE = ("--constraint", "shape")
 LIDAR = ("--constraint", "shape", "--constraint", "lidar")
 RETURNS = ("--constraint", "shape", "--constraint", "returns")
 SOLUTIONS = {
-    "images alone": ("spc", "lithos", "--start", "shape", "--as", "images"),
+    "images alone": ("spc", "lithos", "--start", "shape", *ALONE, "--as", "images"),
     "images, lidar": ("spc", "lithos", "--start", "shape", *LIDAR, "--as", "lidar"),
     "images, returns": ("spc", "lithos", "--start", "shape", *RETURNS, "--as", "returns"),
     "fuse --from images": ("fuse", "--from", "images", "--as", "spcola"),

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from photoclinometry import RETURNS, findings, prepared
+from photoclinometry import ALONE, RETURNS, findings, prepared
 from photoclinometry_fine import errors
 from truth import timed
 
@@ -31,7 +31,7 @@ from spcola.truth.body import TruthBody
 
 # One stripe in three has no returns.
 PERIOD = 3
-ALONE = ("spc", "lithos", "--start", "shape", "--as", "images")
+IMAGES = ("spc", "lithos", "--start", "shape", *ALONE, "--as", "images")
 WITH_RETURNS = ("spc", "lithos", "--start", "shape", *RETURNS, "--as", "returns")
 
 
@@ -65,7 +65,7 @@ def solved(work: Path, seed: int, width: float) -> Path:
         timed([stage, root])
     accept = findings(root, "registration.json")
     timed(["fuse", root, *accept])
-    for (*command, name), extra in ((ALONE, []), (WITH_RETURNS, accept)):
+    for (*command, name), extra in ((IMAGES, []), (WITH_RETURNS, accept)):
         timed([*command[:2], root, *command[2:], name, *extra])
     return root
 
