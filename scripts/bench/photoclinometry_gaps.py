@@ -26,8 +26,9 @@ from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
 from lidar.formats import open_lidar
 from lidar.truth import write_scans
-from spcola.grids import Maplet, MapletGrid
+from spcola.grids import Maplet
 from spcola.truth.body import TruthBody
+from spcola.truth.solution import heights_in_frame
 
 # One stripe in three has no returns.
 PERIOD = 3
@@ -78,12 +79,8 @@ def compared(root: Path, seed: int, width: float) -> Iterator[str]:
 
     def truth(maplet: Maplet) -> tuple[np.ndarray, np.ndarray]:
         """Heights on the grid of a maplet (fused ones have moved), and which lie in a gap."""
-        grid = maplet.grid
-        there = MapletGrid(
-            back.apply(grid.center), back.turn(grid.axes), grid.gsd * back.scale, grid.half_size
-        )
-        height = body.heights_near(there, maplet.height * back.scale)
-        return height / back.scale, in_gap(there.points(height), width)
+        height = heights_in_frame(body, maplet.grid, settings.to_spc)
+        return height, in_gap(back.apply(maplet.grid.points(height)), width)
 
     scene = Scene.of(space, light="none")
 

@@ -212,11 +212,11 @@ def noise_of_pairs(places: FloatArray, apart: FloatArray, default: float) -> flo
 def supported(
     places: FloatArray, sigma: FloatArray, apart: FloatArray, slope_sigma: float, grid: MapletGrid
 ) -> BoolArray:
-    """Return which returns (N,) at least two of the nearest ones and the ground around support.
+    """Return which returns (N,) agree with at least two of the nearest ones and with the ground.
 
-    The ground around are returns with which at least half of the nearest ones agree, in large
-    groups. Where the lidar has a gap the nearest ones of a false return are other false ones, of
-    which some agree by chance.
+    The ground are large groups of returns with which at least half of their nearest ones agree. In
+    a gap of the lidar the nearest ones of a false return are other false ones, and some agree by
+    chance.
 
     Parameters
     ----------
@@ -249,10 +249,10 @@ def supported(
     linked = agree(distance, every[:, None], other) & ~own
     support = np.sum(linked, axis=1)
     enough: BoolArray = support >= _SUPPORT
-    most: BoolArray = 2 * support >= count
-    if not most.any():
-        return most
-    ground = most & _in_large_groups(linked & most[:, None] & most[other], other)
+    majority: BoolArray = 2 * support >= count
+    if not majority.any():
+        return majority
+    ground = majority & _in_large_groups(linked & majority[:, None] & majority[other], other)
     alone = np.flatnonzero(enough & ~ground)
     away, place = cKDTree(places[ground, :2]).query(places[alone, :2])
     enough[alone] = agree(np.asarray(away), alone, np.flatnonzero(ground)[place])
