@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from spcola.arrays import (
     AnyArray,
@@ -149,6 +150,24 @@ class MapletGrid:
         """
         local = (np.asarray(points, dtype=np.float64) - self.center) @ self.axes.T
         return local[..., 0] / self.gsd, local[..., 1] / self.gsd, local[..., 2]
+
+    def interpolated(self, layer: FloatArray, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Return a layer (R, C) of the grid's points between them, bilinearly.
+
+        Parameters
+        ----------
+        layer : (R, C) ndarray
+        x, y : (...) array_like
+            In grid steps from the centre, as of :meth:`project`; outside, the edge counts.
+
+        Returns
+        -------
+        (...) ndarray
+            NaN where a corner of the cell has none.
+        """
+        places = np.stack([np.asarray(y), np.asarray(x)]) + self.half_size
+        found: FloatArray = ndimage.map_coordinates(layer, places, order=1, mode="nearest")
+        return found
 
     def moved(self, transform: Similarity | Affine) -> MapletGrid:
         """Return the grid with centre moved and axes rotated by `transform`; same GSD.

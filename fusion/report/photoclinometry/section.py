@@ -19,6 +19,8 @@ _Row = Mapping[str, Any]
 _Column = tuple[str, str, Callable[[Any], str]]
 # Names of a finding that are printed.
 _NAMED = 30
+# Constraints of a maplet that are listed.
+_CONSTRAINTS = 6
 
 
 def _percent(value: float | None) -> str:
@@ -157,7 +159,7 @@ def _view(one: SolvedMaplet, content: _Row) -> str:
     return (
         f'<details class="solved"><summary>{name}{why} '
         f"<span>{escape(content['outcome'])}, residual {_percent(content['residual'])} %</span>"
-        f'</summary><div id="solved-{name}">{figure}<p>{about}</p>'
+        f'</summary><div id="solved-{name}">{figure}{_constraints(content)}<p>{about}</p>'
         f'<div class="strips">{strips}</div></div></details>'
     )
 
@@ -169,6 +171,22 @@ def _caption(content: _Row) -> str:
         f"two directions in {two} of the cells, in one in {one}, in none in {zero}. Dotted lines: "
         "a finer GSD begins."
     )
+
+
+def _constraints(content: _Row) -> str:
+    """Return how far constraining heights lie from the surface, the worst first."""
+    fits = content.get("constraints", {})
+    worst = sorted(fits, key=lambda name: (-(fits[name]["ratio"] or 0.0), name))
+    items = []
+    for name in worst[:_CONSTRAINTS]:
+        fit = fits[name]
+        false = f", {fit['left_out']} left out as false" if fit["left_out"] else ""
+        items.append(
+            f"{escape(name)} {_decimals(3)(fit['residual_m'])} m, {_decimals(2)(fit['ratio'])} × "
+            f"sigma ({fit['heights']} heights{false})"
+        )
+    more = f"; {len(fits) - len(items)} others are nearer" if len(fits) > len(items) else ""
+    return f"<p>Constraining heights less the solved: {'; '.join(items)}{more}.</p>" if fits else ""
 
 
 def _strip(name: str, fit: _Row, uri: str) -> str:

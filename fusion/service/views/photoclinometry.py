@@ -58,9 +58,9 @@ def solved_maplet(workspace: Workspace, maplet: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        What ``photoclinometry.json`` has of it, `images` as a list with `name`; `solution`, `name`,
-        `gsd_m`; `findings` that name it or one of its images; `residual_limit`: up to which
-        residual pictures of residuals have colours.
+        What ``photoclinometry.json`` has of it, `images` and `constraints` as lists with `name`;
+        `solution`, `name`, `gsd_m`; `findings` that name it or one of its images;
+        `residual_limit`: up to which residual pictures of residuals have colours.
 
     Raises
     ------
@@ -75,7 +75,10 @@ def solved_maplet(workspace: Workspace, maplet: str) -> dict[str, Any]:
         "name": maplet,
         **one,
         "gsd_m": workspace.maplet(maplet).grid.gsd,
-        "images": [{"name": name, **fit} for name, fit in one["images"].items()],
+        **{
+            kind: [{"name": name, **fit} for name, fit in one.get(kind, {}).items()]
+            for kind in ("images", "constraints")
+        },
         "findings": [
             {**found, "names": named}
             for found in content["findings"]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fusion.stages.lithos.returns import height_at, supported
+from fusion.stages.lithos.returns import above, supported
 from fusion.stages.register import ImageScene
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, partials_position
@@ -68,13 +68,11 @@ class Limbs:
         place, sigma = (np.concatenate([limb[k] for limb in seen]) for k in (0, 1))
         group = np.repeat(np.arange(len(seen)), [len(limb[0]) for limb in seen])
         common = [limb[2] for limb in seen]
-        apart = place[:, 2] - height_at(start, place)
-        kept = supported(place, sigma, apart, slope_sigma, start.grid)
-        if not kept.any():
-            return None
-        return HeightConstraint.of_points(
+        kept = supported(place, sigma, above(start, place), slope_sigma, start.grid)
+        constraint = HeightConstraint.of_points(
             "limbs", start.grid, place[kept], sigma[kept], group[kept], np.diag(common)
         )
+        return replace(constraint, left_out=int(np.sum(~kept)))
 
     def _on(self, start: Maplet, image: SpcImage) -> tuple[FloatArray, FloatArray, float] | None:
         """Return places (N, 3) on the grid, their sigmas, and the variance that they share."""

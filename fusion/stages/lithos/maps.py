@@ -36,6 +36,11 @@ class ExternalMap:
     surface: Maplet | TerrainRaster
     sigma_m: float | None = None
 
+    @property
+    def name(self) -> str:
+        """What its heights are called."""
+        return self.path.name
+
     @classmethod
     def read(cls, path: Path, sigma_m: float | None) -> ExternalMap:
         """Read a GeoTIFF, a FITS of a release, or a .MAP with its .SIG.
@@ -79,7 +84,7 @@ class ExternalMap:
         if not (np.isfinite(height) & np.isfinite(sigma)).any():
             return None
         common = _COMMON * max(1.0, gsd / grid.gsd) ** 2
-        return HeightConstraint.of_sigma(self.path.name, height, sigma, common=common)
+        return HeightConstraint.of_sigma(self.name, height, sigma, common=common)
 
 
 def read_maps(paths: Iterable[Path], sigma_m: float | None) -> tuple[ExternalMap, ...]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusion.runtime.findings import finding_lines
+from fusion.stages.lithos.constraint_findings import constraint_findings
 from fusion.stages.lithos.outliers import outlier_findings
 from spcola.photometry.photoclinometry import Fit, ImageFit, Outcome, Photoclinometry
 
@@ -36,6 +37,9 @@ PHOTOCLINOMETRY_KEYS = {
     "maplets[].light_ratio": "residual of brightness with all Suns on the other side, over "
     "that with them as stated, on the coarsest GSD; median below 0.97: doubtful light",
     "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
+    "maplets[].constraints": "by constraint: number of heights, number left_out as false before, "
+    "robust rms of them less the solved ones (residual_m), and of each over its sigma (ratio): 1 "
+    "where sigmas are right and images agree",
     "maplets[].images": "fit, scale λ and its change to the edge, shift (px), residual, noise "
     "(relative), correlation, pixels, and metres a pixel, of each image",
     "images": "over all maplets: number used, median residual, noise_ratio and correlation, root "
@@ -129,7 +133,9 @@ class Summary:
         return cls(found.outcome, found.images, _maplet_json(found))
 
 
-def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(
+    found: Mapping[str, Summary], options: Mapping[str, Any], given: Sequence[str]
+) -> dict[str, Any]:
     """Return the content of ``photoclinometry.json``.
 
     Parameters
@@ -138,20 +144,23 @@ def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict
         By the names of maplets.
     options : mapping
         In JSON types.
+    given : sequence of str
+        Names of the constraints that do not come from other maplets or the shape.
     """
     by_image: dict[str, list[ImageFit]] = defaultdict(list)
     for one in found.values():
         for fit in one.images:
             by_image[fit.name].append(fit)
     solved = [one.content for one in found.values() if one.content["rounds"]]
+    maplets = {name: one.content for name, one in found.items()}
     return {
         "options": dict(options),
         **{key: _median(one[key] for one in solved) for key in ("residual_start", "residual")},
         "shift_m": _goodness([fit for fits in by_image.values() for fit in fits])["shift_m"],
         "outcomes": dict(sorted(Counter(str(one.outcome) for one in found.values()).items())),
-        "maplets": {name: one.content for name, one in found.items()},
+        "maplets": maplets,
         "images": {name: image_json(fits) for name, fits in sorted(by_image.items())},
-        "findings": _findings(found, by_image),
+        "findings": [*_findings(found, by_image), *constraint_findings(maplets, given)],
     }
 
 
@@ -197,6 +206,15 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
             {"gsd_m": r.gsd, "residual": r.residual, "height_m": r.height_m, "albedo": r.albedo}
             for r in one.rounds
         ],
+        "constraints": {
+            fit.name: {
+                "heights": fit.heights,
+                "left_out": fit.left_out,
+                "residual_m": fit.residual_m if np.isfinite(fit.residual_m) else None,
+                "ratio": fit.ratio if np.isfinite(fit.ratio) else None,
+            }
+            for fit in one.constraints
+        },
         "images": {fit.name: fit_json(fit) for fit in one.images},
     }
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -108,15 +107,16 @@ class RegisteredReturns:
         half = grid.half_size * grid.gsd
         within = np.all(np.abs(places) <= [half, half, self.source.options.reach(grid)], axis=1)
         returns, places = returns.select(within).of_own_scans(), places[within]
-        apart = places[:, 2] - height_at(start, places)
+        apart = above(start, places)
         found = noise_of_pairs(places, apart, self.source.options.default_sigma_m)
         sigma = np.where(np.isfinite(returns.sigma), returns.sigma, found)
         true = supported(places, sigma, apart, slope_sigma, grid)
         returns = returns.select(true).of_own_scans()
         shared = self._covariance(returns.scan_names, there)
-        return HeightConstraint.of_points(
+        constraint = HeightConstraint.of_points(
             "returns", grid, places[true], sigma[true], returns.scan, shared
         )
+        return replace(constraint, left_out=int(np.sum(~true)))
 
     def _registered(self, returns: Returns, grid: MapletGrid) -> FloatArray:
         """Return where returns (N, 3) lie on a grid after their registration: x, y, height (m)."""
@@ -279,16 +279,15 @@ def _nearest(places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
     return np.asarray(distance), np.asarray(other)
 
 
-def height_at(start: Maplet, places: FloatArray) -> FloatArray:
-    """Return the heights (N,) of a maplet at places (N, 3), metres, bilinearly.
+def above(start: Maplet, places: FloatArray) -> FloatArray:
+    """Return the heights (N,) of places above a maplet, metres.
 
     Parameters
     ----------
     start : Maplet
         NaN heights are interpolated.
     places : (N, 3) ndarray
-        x and y from the centre of its grid, metres; the third is not used.
+        On its grid, metres.
     """
-    rows = places[:, 1::-1].T / start.grid.gsd + start.grid.half_size
-    found: FloatArray = ndimage.map_coordinates(filled(start.height), rows, order=1, mode="nearest")
-    return found
+    x, y = places[:, :2].T / start.grid.gsd
+    return places[:, 2] - start.grid.interpolated(filled(start.height), x, y)

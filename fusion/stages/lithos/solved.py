@@ -20,7 +20,7 @@ from spcola import atomic
 from spcola.formats.maplets import write_albedo_sigma, write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 9
+_VERSION = 10
 
 
 def lithos_solution(
@@ -73,7 +73,7 @@ def lithos_solution(
     made_by = MadeBy(options.purpose.value, {}, facts, sources.input_digests(names))
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
-        content = content_of(found, options.as_json())
+        content = content_of(found, options.as_json(), sources.constraint_names)
         atomic.write_text(folder / workspace.photoclinometry_path.name, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:

@@ -139,6 +139,13 @@ class LithosSources:
         """Where each maplet lies, body-fixed, metres."""
         return {name: grid.center for name, grid in self.grids.items()}
 
+    @property
+    def constraint_names(self) -> list[str]:
+        """Constraints that other data than maplets give, by the names of their heights."""
+        given = {"lidar": self.scene, "returns": self.returns, "limbs": self.limbs}
+        named = [name for name, source in given.items() if source is not None]
+        return named + [one.name for one in self.maps]
+
     def input_digests(self, names: Iterable[str]) -> dict[str, str]:
         """Return SHA-256 of what maplets are solved from, except the solution's own maplets.
 

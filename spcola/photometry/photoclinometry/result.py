@@ -10,6 +10,7 @@ import numpy as np
 from spcola.arrays import AnyArray, FloatArray
 from spcola.grids import Maplet
 from spcola.photometry.ground import at_cells
+from spcola.photometry.photoclinometry.constraints import ConstraintFit
 
 
 class Outcome(StrEnum):
@@ -135,6 +136,8 @@ class Photoclinometry:
         over that with the Suns as stated, on the coarsest level; NaN if that was not solved. Hills
         are hollows then: below 1 the directions of the Suns, or the photometric function, are
         doubtful. One maplet alone hardly decides it.
+    constraints : tuple of ConstraintFit
+        How each constraint fits, in their order.
     """
 
     maplet: Maplet
@@ -146,6 +149,7 @@ class Photoclinometry:
     outcome: Outcome
     reason: str
     light_ratio: float
+    constraints: tuple[ConstraintFit, ...] = ()
 
     @property
     def point_albedo_sigma(self) -> FloatArray:

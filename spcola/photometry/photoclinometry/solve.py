@@ -320,7 +320,7 @@ def _result(work: _Work) -> Photoclinometry:
     albedo_sigma = options.convention.stated(1.0 / np.sqrt(reduced.albedo.weight))
     return Photoclinometry(
         maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
-        work.light_ratio,
+        work.light_ratio, tuple(one.fit(maplet) for one in work.constraints),
     )  # fmt: skip
 
 
@@ -339,4 +339,5 @@ def _kept(work: _Work, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photocli
         f"{work.count} of {len(work.images)} images show enough lit ground of it, {work.high} with "
         f"the Sun {work.options.least_elevation_deg:.0f}° high; two are needed",
         work.light_ratio,
+        tuple(one.fit(work.start) for one in work.constraints),
     )

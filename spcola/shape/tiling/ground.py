@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from spcola.arrays import IntArray
@@ -127,8 +126,7 @@ class Ground:
         x, y, height = grid.project(self.samples.points[near])
         inside = np.maximum(np.abs(x), np.abs(y)) <= grid.half_size
         near, x, y, height = near[inside], x[inside], y[inside], height[inside]
-        places = np.stack([y, x]) + grid.half_size
-        own = map_coordinates(maplet.height, places, order=1, mode="nearest")
+        own = grid.interpolated(maplet.height, x, y)
         # NaN, where a corner of the cell has no height, compares as False.
         found: IntArray = near[np.abs(own - height) <= _SAME_SHEET * half]
         return found

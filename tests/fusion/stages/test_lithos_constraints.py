@@ -14,10 +14,11 @@ from command_line import call, called, refused
 
 from fusion.registration.results import given_registration
 from fusion.stages.lithos import lidar_kind
+from fusion.stages.lithos.constraint_findings import constraint_findings
 from fusion.stages.lithos.returns import RegisteredReturns, noise_of_pairs, supported
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
-from spcola.formats.maplets import write_maplet
+from spcola.formats.maplets import read_maplet, write_maplet
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape import RayCaster, shape_heights
 from spcola.truth.body import TruthBody
@@ -243,7 +244,52 @@ def test_a_map_of_other_ground_changes_nothing(mission, true_map):
         ),
     )
     given = ("spc", "lithos", root, "--only", other, "--rounds", "1", "--constraint", "shape")
-    assert called(*given)["maplets"] == called(*given, "--map", true_map)["maplets"]
+    content = called(*given, "--map", true_map)
+    assert called(*given)["maplets"] == content["maplets"]
+    unused = [one for one in content["findings"] if one["code"] == "constraint-unused"]
+    assert [one["names"] for one in unused] == [[true_map.name]]
+
+
+def test_each_constraint_states_how_well_it_fits(mission, with_returns, true_map):
+    """Sigmas of returns are right, and a map in another frame contradicts the others."""
+    fits = with_returns["maplets"][NAME]["constraints"]
+    assert fits.keys() == {"shape", "returns"}
+    assert 0.7 < fits["returns"]["ratio"] < 1.4
+    assert 0 < fits["returns"]["left_out"] < 0.05 * fits["returns"]["heights"]
+    assert fits["shape"]["heights"] == Workspace.open(mission[0]).maplet(NAME).grid.size ** 2
+    true = read_maplet(true_map)
+    raised = replace(true, grid=replace(true.grid, center=1.2 * true.grid.center))
+    path = true_map.with_name("RAISED.MAP")
+    write_maplet(path, raised, sigma_companion=True)
+    given = ("spc", "lithos", mission[0], "--only", NAME, "--start", "shape")
+    content = called(*given, "--constraint", "shape", "--map", path)
+    found = [one for one in content["findings"] if one["code"] == "constraint-contradicts"]
+    assert all(one["names"] == [NAME] for one in found)
+    assert any(path.name in one["do"] and "frame" in one["do"] for one in found)
+
+
+def test_a_maplet_of_which_most_returns_are_false_is_named():
+    def maplet(heights, left_out, ratio, outcome="converged"):
+        fit = {"heights": heights, "left_out": left_out, "residual_m": 0.1, "ratio": ratio}
+        return {"outcome": outcome, "constraints": {"returns": fit}}
+
+    maplets = {
+        "GOOD": maplet(1000, 10, 1.0),
+        "FALSE": maplet(500, 500, 1.1),
+        "NONE": maplet(0, 800, None),
+        "FEW": maplet(3, 5, 9.0),
+        "KEPT": maplet(900, 10, 9.0, "too-few-images"),
+        "FAR": maplet(900, 10, 9.0),
+    }
+    found = list(constraint_findings(maplets, ["returns", "limbs"]))
+    named = {one["code"]: one["names"] for one in found}
+    assert named == {
+        "heights-left-out": ["FALSE", "NONE"],
+        "constraint-contradicts": ["FAR"],
+        "constraint-unused": ["limbs"],
+    }
+    # A maplet without any image is no fault of the constraints.
+    assert list(constraint_findings({}, ["returns"])) == []
 
 
 def test_bad_maps_are_refused_in_one_line(mission, true_map, true_raster, tmp_path):

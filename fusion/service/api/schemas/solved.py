@@ -82,6 +82,16 @@ class SolvedImage(Form):
     pixel_m: Number
 
 
+class SolvedConstraint(Form):
+    """How constraining heights fit a maplet."""
+
+    name: str
+    heights: int
+    left_out: int
+    residual_m: Number
+    ratio: Number
+
+
 class SolvedMaplet(Form):
     """How a maplet was solved from images."""
 
@@ -101,6 +111,7 @@ class SolvedMaplet(Form):
     gsd_m: Number
     rounds: list[SolvingRound]
     images: list[SolvedImage]
+    constraints: list[SolvedConstraint]
     findings: list[Outliers]
     residual_limit: Number
 

@@ -10,7 +10,7 @@ import { hrefOf } from "../../router";
 import { state } from "../../stages";
 import { facts, table } from "../../table";
 import { findingList, percent } from "./index";
-import { noiseRatio, shiftOf, type SolvedImage, type SolvedMaplet } from "./values";
+import { noiseRatio, shiftOf, type SolvedConstraint, type SolvedImage, type SolvedMaplet } from "./values";
 
 interface Surface {
   size: number;
@@ -45,7 +45,7 @@ export async function mapletView(root: HTMLElement, workspace: string, name: str
   });
   const strips = images.map((one) => strip(one, picture(`${path}/${encodeURIComponent(one.name)}${asked}`, `${one.name}: image, rendering, residual`)));
   const plots = element("div", { class: "plots" });
-  fill(root, ...head(found, surface, workspace, of.inUse), element("div", { class: "tiles" }, ...panels), plots, element("h2", {}, "Images"), ...about(found), element("div", { class: "strips" }, ...strips), imageTable(images, found.images.length));
+  fill(root, ...head(found, surface, workspace, of.inUse), element("div", { class: "tiles" }, ...panels), plots, ...constraintTable(found), element("h2", {}, "Images"), ...about(found), element("div", { class: "strips" }, ...strips), imageTable(images, found.images.length));
   draw(plots, found, signal);
   await load(pictures, signal);
 }
@@ -123,6 +123,23 @@ function imageTable(images: SolvedImage[], all: number): HTMLElement {
   );
   const others = all - images.length;
   return element("div", {}, shown, others > 0 && element("p", { class: "quiet" }, `${count(others)} further images were asked, and do not see lit ground of it.`));
+}
+
+/** Show how well constraining heights agree with the surface, the worst first. */
+function constraintTable({ constraints }: SolvedMaplet): HTMLElement[] {
+  if (!constraints.length) return [];
+  const shown = table<SolvedConstraint>(
+    "Constraining heights",
+    [
+      { title: "Heights of", cell: ({ name }) => name, by: ({ name }) => name },
+      { title: "Heights", cell: ({ heights }) => count(heights), by: ({ heights }) => heights, number: true },
+      { title: "Left out as false", cell: ({ left_out }) => count(left_out), by: ({ left_out }) => left_out, number: true },
+      { title: "Less the solved (rms)", cell: ({ residual_m }) => metres(residual_m), by: ({ residual_m }) => residual_m, number: true },
+      { title: "÷ sigma", cell: ({ ratio }) => fixed(ratio, 2), by: ({ ratio }) => ratio, number: true },
+    ],
+    [...constraints].sort((a, b) => (b.ratio ?? 0) - (a.ratio ?? 0)),
+  );
+  return [element("h2", {}, "Constraining heights"), shown];
 }
 
 /** Draw residual and changes by round. */

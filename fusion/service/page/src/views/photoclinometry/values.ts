@@ -51,6 +51,14 @@ export interface SolvedImage {
   pixel_m: number | null;
 }
 
+export interface SolvedConstraint {
+  name: string;
+  heights: number;
+  left_out: number;
+  residual_m: number | null;
+  ratio: number | null;
+}
+
 export interface SolvedMaplet {
   solution: string;
   name: string;
@@ -68,6 +76,7 @@ export interface SolvedMaplet {
   gsd_m: number;
   rounds: { gsd_m: number; residual: number | null; height_m: number; albedo: number }[];
   images: SolvedImage[];
+  constraints: SolvedConstraint[];
   findings: Outliers[];
   residual_limit: number;
 }
