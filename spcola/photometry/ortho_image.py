@@ -154,8 +154,9 @@ def stop_at_other_ground(
         return
     grid, along = ground.grid, direction[chosen]
     steps = np.stack([grid.offsets[chosen[1]], grid.offsets[chosen[0]]], axis=1)
-    with np.errstate(divide="ignore"):
-        # Distance to the border of the square in the ray's direction, grid steps along the ray.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Distance to the border of the square in the ray's direction, grid steps along the ray; NaN
+        # along a border that it follows.
         border = (np.sign(along[:, :2]) * grid.half_size - steps) / along[:, :2]
     way = grid.gsd * (np.nanmin(np.maximum(border, 0.0), axis=1) + _CLEAR)
     # A ray that is over its grid until it is above the whole body meets nothing beyond its border.

@@ -109,16 +109,13 @@ def _ground_in(
     surface: Surface,
     state: ImageState,
     options: PhotoclinometryOptions,
-    sun: FloatArray | None = None,
 ) -> _Ground:
     seen, lit = window.seen_and_lit(surface.height, surface.gsd)
-    if sun is not None:
-        lit = window.lit(surface.height, surface.gsd, sun)
-    shades = np.empty((3, *seen.shape))
-    shade_cells(
-        int(options.function.code), options.function.packed, surface.slopes,
-        window.sun if sun is None else sun, window.eye, window.phase, shades,
-    )  # fmt: skip
+    shades, one = np.zeros((3, *seen.shape)), np.empty((3, *seen.shape))
+    code, packed = int(options.function.code), options.function.packed
+    for direction, phase, irradiance in window.lights():
+        shade_cells(code, packed, surface.slopes, direction, window.eye, phase, one)
+        shades += irradiance * one
     shades *= gain(state.gradient, seen.shape)
     return _Ground(window.places(surface.height, state.shift), seen, lit, shades)
 
@@ -153,8 +150,6 @@ def compare_image(
     surface: Surface,
     state: ImageState,
     options: PhotoclinometryOptions,
-    *,
-    sun: FloatArray | None = None,
 ) -> Compared:
     """Return the pixels that an image should have, and which of them can be compared.
 
@@ -164,10 +159,8 @@ def compare_image(
     surface : Surface
     state : ImageState
     options : PhotoclinometryOptions
-    sun : (3,) ndarray, optional
-        Another direction of the Sun, along the grid's axes.
     """
-    return _compared(window, surface, _ground_in(window, surface, state, options, sun), options)
+    return _compared(window, surface, _ground_in(window, surface, state, options), options)
 
 
 def scaled(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from spcola.photometry.ground import Ground, at_cells
 from spcola.photometry.ortho_image import stop_at_other_ground
 from spcola.photometry.photoclinometry.cell_pixels import Places
 from spcola.photometry.photoclinometry.surface import resampled_points
+from spcola.photometry.secondary_light import SecondaryLight
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
 
@@ -60,6 +61,9 @@ class ImageWindow:
         Sign of the area, in (sample, line), of cells that face the camera.
     open_seen, open_lit : (R − 1, C − 1) ndarrays
         Shares of cells that ground beyond the grid does not hide, and does not shade.
+    secondary : two ndarrays, optional
+        Directions (K, 3) along the grid's axes and irradiances (K, R − 1, C − 1) of the light from
+        other ground by which it shows what the Sun does not light, and nothing else.
     """
 
     name: str
@@ -78,6 +82,7 @@ class ImageWindow:
     facing: float
     open_seen: FloatArray
     open_lit: FloatArray
+    secondary: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(
@@ -88,6 +93,7 @@ class ImageWindow:
         open_ground: tuple[FloatArray, FloatArray],
         *,
         finest_m: float | None = None,
+        light: SecondaryLight | None = None,
     ) -> ImageWindow | None:
         """Cut a window out of an image with pixels; None if it does not show the grid.
 
@@ -101,6 +107,8 @@ class ImageWindow:
             `open_seen` and `open_lit`.
         finest_m : float, optional
             GSD for which blocks of pixels are small enough, metres; that of the grid if not given.
+        light : SecondaryLight, optional
+            By which it shows ground in the shade.
         """
         points = grid.points(height)
         pixel, line = project_image(image, points)
@@ -139,7 +147,37 @@ class ImageWindow:
             np.ascontiguousarray(eye),
             np.arccos(np.clip(np.tensordot(sun, eye, 1), -1.0, 1.0)),
             camera + np.array([grid.half_size, grid.half_size, 0.0]), facing, *open_ground,
+            None if light is None else light.on_cells(grid),
         )  # fmt: skip
+
+    @property
+    def elevation_sine(self) -> float:
+        """Sine of the elevation of the light above the plane of the grid."""
+        if self.secondary is None:
+            return float(self.sun[2])
+        directions, irradiance = self.secondary
+        light = irradiance.mean(axis=(1, 2)) @ directions
+        return float(light[2] / np.linalg.norm(light))
+
+    def lights(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | float]]:
+        """Yield direction (3,), phase (R − 1, C − 1) and irradiance of each source of light."""
+        if self.secondary is None:
+            yield self.sun, self.phase, 1.0
+            return
+        for direction, irradiance in zip(*self.secondary, strict=True):
+            cosine = np.tensordot(direction, self.eye, 1)
+            yield direction, np.arccos(np.clip(cosine, -1.0, 1.0)), irradiance
+
+    def turned(self) -> ImageWindow:
+        """Return the same with its light on the other side of the grid's normal.
+
+        Ground beyond the grid does not shade it then.
+        """
+        half_turn = np.array([-1.0, -1.0, 1.0])
+        if self.secondary is not None:
+            directions, irradiance = self.secondary
+            return replace(self, secondary=(directions * half_turn, irradiance))
+        return replace(self, sun=self.sun * half_turn, open_lit=np.ones_like(self.open_lit))
 
     def pixel_m(self, gsd: float) -> float:
         """Return the side of a square of the area of a pixel on the plane of the grid, metres."""
@@ -163,13 +201,13 @@ class ImageWindow:
         )
 
     def seen_and_lit(self, height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
-        """Return the shares (R − 1, C − 1) of each cell that the camera sees, and that are lit."""
-        seen = self.open_seen * at_cells(1.0 - hidden(height, self.camera))
-        return seen, self.open_lit * self.lit(height, gsd, self.sun)
+        """Return the shares (R − 1, C − 1) of each cell that the camera sees, and that are lit.
 
-    def lit(self, height: FloatArray, gsd: float, sun: FloatArray) -> FloatArray:
-        """Return the share (R − 1, C − 1) of each cell in no shadow of the grid's own ground."""
-        return at_cells(1.0 - cast_shadow(height, sun * [1.0, 1.0, gsd]))
+        Those that the Sun does not light are lit by secondary light.
+        """
+        seen = self.open_seen * at_cells(1.0 - hidden(height, self.camera))
+        lit = self.open_lit * at_cells(1.0 - cast_shadow(height, self.sun * [1.0, 1.0, gsd]))
+        return seen, lit if self.secondary is None else 1.0 - lit
 
 
 def _block_of(pixel: FloatArray, line: FloatArray, cell: float) -> int:
@@ -217,6 +255,7 @@ def window_over(
     ground: tuple[FloatArray, FloatArray],
     *,
     finest_m: float | None = None,
+    light: SecondaryLight | None = None,
 ) -> ImageWindow | None:
     """Return the window of an image over a grid; None if it does not show the grid.
 
@@ -231,7 +270,8 @@ def window_over(
     ground : two ndarrays
         What :func:`open_ground` gives for the points of `coarse`.
     finest_m : float, optional
+    light : SecondaryLight, optional
         As in :meth:`ImageWindow.of`.
     """
     seen, lit = (at_cells(resampled_points(points, coarse, grid)) for points in ground)
-    return ImageWindow.of(image, grid, height, (seen, lit), finest_m=finest_m)
+    return ImageWindow.of(image, grid, height, (seen, lit), finest_m=finest_m, light=light)

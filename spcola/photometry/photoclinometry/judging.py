@@ -66,7 +66,7 @@ def _fit(
     relative[compared.used] = pixels / (state.scale * expected) - 1.0
     correlation, fit = _correlation(pixels, expected), Fit.USED
     if contradicts(correlation, len(pixels)):
-        turned = compare_image(window, surface, state, options, sun=window.sun * [-1.0, -1.0, 1.0])
+        turned = compare_image(window.turned(), surface, state, options)
         fit = Fit.SUN_REVERSED if _fits_better(window, turned, correlation) else Fit.CONTRADICTS
     shift = (float(state.shift[0]), float(state.shift[1]))
     gradient = (float(state.gradient[0]), float(state.gradient[1]))

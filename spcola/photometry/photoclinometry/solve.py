@@ -46,6 +46,7 @@ from spcola.photometry.photoclinometry.surface_equations import (
     image_slopes,
     reduce_albedo,
 )
+from spcola.photometry.secondary_light import SecondaryLight
 from spcola.shape import RayCaster
 
 # Standard deviation of the change of the mean height in a round, GSDs.
@@ -59,6 +60,7 @@ def solve_photoclinometry(
     *,
     constraints: Sequence[HeightConstraint] = (),
     beyond: Sequence[RayCaster] = (),
+    secondary: Mapping[str, SecondaryLight] | None = None,
     options: PhotoclinometryOptions | None = None,
 ) -> Photoclinometry:
     """Return heights and albedo of a grid from the brightness of its images.
@@ -85,6 +87,10 @@ def solve_photoclinometry(
     beyond : sequence of RayCaster, optional
         Surfaces that hide and shade ground of the grid: the whole body, maplets around. Rays start
         outside the square of the grid.
+    secondary : mapping of str to SecondaryLight, optional
+        Light from other ground on the grid, of the images that are used only where the Sun does not
+        light it. Their thresholds enclose the brightness of the shade. An image of both kinds is
+        given twice, under two names.
     options : PhotoclinometryOptions, optional
 
     Raises
@@ -98,7 +104,8 @@ def solve_photoclinometry(
     for image in images:
         if image.pixels is None:
             raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
-    work = _Work.of(start, images, states, tuple(constraints), beyond, options)
+    lights = dict(secondary or {})
+    work = _Work.of(start, images, states, tuple(constraints), beyond, lights, options)
     if work.count < 2 or (work.high < 2 and float(np.mean(work.precise)) < LEAST_DETERMINED):
         return _kept(work, (), Outcome.TOO_FEW_IMAGES)
     turned = work.with_turned_suns()
@@ -117,6 +124,7 @@ class _Work:
     start: Maplet
     images: Sequence[SpcImage]
     constraints: tuple[HeightConstraint, ...]
+    secondary: dict[str, SecondaryLight]
     options: PhotoclinometryOptions
     known: FloatArray
     open: list[tuple[FloatArray, FloatArray]]
@@ -137,6 +145,7 @@ class _Work:
         states: Mapping[str, FloatArray],
         constraints: tuple[HeightConstraint, ...],
         beyond: Sequence[RayCaster],
+        secondary: dict[str, SecondaryLight],
         options: PhotoclinometryOptions,
     ) -> _Work:
         grid = start.grid
@@ -148,7 +157,7 @@ class _Work:
         within = resampled_points(_interpolated(start, constraints, options), grid, coarsest)
         opened = [open_ground(image, coarsest, coarse, beyond) for image in images]
         work = cls(
-            start, images, constraints, options, known,
+            start, images, constraints, secondary, options, known,
             [(np.minimum(seen, within), lit) for seen, lit in opened],
             coarsest, surface, [ImageState.unknown() for _ in images], [], [], [],
         )  # fmt: skip
@@ -166,7 +175,7 @@ class _Work:
         """The number of these in which the Sun is high enough to determine slopes."""
         least = np.sin(np.radians(self.options.least_elevation_deg))
         seen = zip(self.windows, self.before, strict=True)
-        return sum(w is not None and w.sun[2] >= least and np.isfinite(b) for w, b in seen)
+        return sum(w is not None and w.elevation_sine >= least and np.isfinite(b) for w, b in seen)
 
     @cached_property
     def precise(self) -> BoolArray:
@@ -188,7 +197,15 @@ class _Work:
         """
         finest = self.start.grid.gsd
         return [
-            window_over(image, grid, height, self.coarsest, ground, finest_m=finest)
+            window_over(
+                image,
+                grid,
+                height,
+                self.coarsest,
+                ground,
+                finest_m=finest,
+                light=self.secondary.get(image.name),
+            )
             for image, ground in zip(self.images, self.open, strict=True)
         ]
 
@@ -200,9 +217,13 @@ class _Work:
         """
         axes = self.start.grid.axes
         turn = axes.T @ np.diag([-1.0, -1.0, 1.0]) @ axes
-        images = [replace(image, sun=turn @ image.sun) for image in self.images]
+        images = [
+            image if image.name in self.secondary else replace(image, sun=turn @ image.sun)
+            for image in self.images
+        ]
+        lights = {name: light.turned() for name, light in self.secondary.items()}
         unknown = [ImageState.unknown() for _ in images]
-        return replace(self, images=images, states=unknown, rounds=[])
+        return replace(self, images=images, secondary=lights, states=unknown, rounds=[])
 
     @property
     def residual(self) -> float:
@@ -233,7 +254,7 @@ class _Work:
         surface, options = self.surface, self.options
         sums = Sums.empty(len(self.images), surface.albedo.shape)
         for k, window in enumerate(self.windows):
-            if window is not None and window.sun[2] >= np.sin(least_elevation):
+            if window is not None and window.elevation_sine >= np.sin(least_elevation):
                 self.states[k] = add_image(sums, k, window, surface, self.states[k], options)
         return sums
 
