@@ -14,13 +14,21 @@ from spcola.grids.gaps import filled
 from spcola.photometry.functions import PhotometricFunction
 from spcola.shape import Hits, RayCaster, shape_heights
 
-__all__ = ["SecondaryLight", "secondary_light"]
+__all__ = [
+    "SecondaryLight",
+    "image_in_shade",
+    "name_in_shade",
+    "name_of_image",
+    "secondary_light",
+]
 
 # Places along a side of the grid from which the sky is looked at; rays from each, of equal solid
-# angles; directions into which these are collected, about 20 degrees apart.
-_NODES, _RAYS, _SOURCES = 7, 1536, 48
+# angles; directions into which these are collected, about 15 degrees apart.
+_NODES, _RAYS, _SOURCES = 7, 1536, 96
 # A source with less than this share of the light is left out.
 _LEAST = 0.002
+# What follows the name of an image where it shows ground in the shade.
+_IN_SHADE = " in shade"
 # Rays begin so far above the ground, radii of the grid.
 _ABOVE = 1e-4
 
@@ -73,6 +81,36 @@ class SecondaryLight:
         axes = self.grid.axes
         turn = axes.T @ np.diag([-1.0, -1.0, 1.0]) @ axes
         return replace(self, directions=self.directions @ turn)
+
+
+def name_in_shade(image: str) -> str:
+    """Return what an image is called where it shows ground in the shade.
+
+    Parameters
+    ----------
+    image : str
+    """
+    return image + _IN_SHADE
+
+
+def name_of_image(name: str) -> str | None:
+    """Return the image of a name of :func:`name_in_shade`; None if it is not one.
+
+    Parameters
+    ----------
+    name : str
+    """
+    return name.removesuffix(_IN_SHADE) if name.endswith(_IN_SHADE) else None
+
+
+def image_in_shade(image: SpcImage) -> SpcImage:
+    """Return an image of which only pixels below the threshold for shade count.
+
+    Parameters
+    ----------
+    image : SpcImage
+    """
+    return replace(image, name=name_in_shade(image.name), thresholds=(0, image.thresholds[0]))
 
 
 def secondary_light(
@@ -160,7 +198,9 @@ def _collected(
     irradiance = bright @ belongs
     total = irradiance.sum(axis=0)
     kept = total > _LEAST * total.sum()
-    directions = (belongs * bright.sum(axis=0)[:, None]).T @ rays
-    directions = directions[kept] / np.linalg.norm(directions[kept], axis=1, keepdims=True)
-    irradiance = irradiance[:, kept].T.reshape(-1, *nodes.shape)
+    mean = (belongs * bright.sum(axis=0)[:, None]).T[kept] @ rays / total[kept, None]
+    # A wide source brings less than a narrow one: its rays do not add up in length.
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    directions = mean / length
+    irradiance = (irradiance[:, kept] * length[:, 0]).T.reshape(-1, *nodes.shape)
     return SecondaryLight(nodes, directions, irradiance / irradiance.sum(axis=0).mean())

@@ -12,6 +12,7 @@ from spcola.arrays import AnyArray
 from spcola.grids import Maplet
 from spcola.photometry.functions import photometric_function
 from spcola.photometry.photoclinometry import Comparison, PhotoclinometryOptions
+from spcola.photometry.secondary_light import image_in_shade, name_of_image, secondary_light
 from spcola.shape import RayCaster
 
 
@@ -35,7 +36,7 @@ def image_strip(
     maplet : Maplet
         Of that solution.
     image : str
-        Name of one that was used for it.
+        Name of one that was used for it, as its fit has it.
     beyond : RayCaster, optional
         The shape.
 
@@ -50,19 +51,25 @@ def image_strip(
         If a file cannot be read.
     """
     one = content["maplets"][maplet.name]
-    found = None
-    if workspace.exposure_path(image).is_file():
+    found, shaded = None, name_of_image(image)
+    if workspace.exposure_path(shaded or image).is_file():
         options = content["options"]
         function = photometric_function(options["photometry"])
         fit = one["images"][image]
-        found = Comparison.on_grid(
-            maplet,
-            workspace.exposed(workspace.image(image)),
-            shift_px=_pair(fit["shift_px"]),
-            gradient=_pair(fit.get("gradient")),
-            beyond=() if beyond is None else (beyond,),
-            options=PhotoclinometryOptions(function, options["psf_px"]),
-        )
+        exposed, light = workspace.exposed(workspace.image(shaded or image)), None
+        if shaded is not None and beyond is not None:
+            light = secondary_light(maplet, exposed, beyond, function)
+            exposed = image_in_shade(exposed)
+        if shaded is None or light is not None:
+            found = Comparison.on_grid(
+                maplet,
+                exposed,
+                shift_px=_pair(fit["shift_px"]),
+                gradient=_pair(fit.get("gradient")),
+                beyond=() if beyond is None else (beyond,),
+                light=light,
+                options=PhotoclinometryOptions(function, options["psf_px"]),
+            )
     return strip_codes(found, residual_limit(one), maplet.grid.size)
 
 

@@ -112,6 +112,15 @@ class LithosCommandOptions:
             "round: [lithos] constraint_fraction.",
         ),
     ] = None
+    secondary_light: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="IMAGE",
+            help="An image that also counts where the Sun does not light the ground, and lit "
+            "ground around it does: pixels below its lower threshold. Repeat it for several: "
+            "[lithos] secondary_light.",
+        ),
+    ] = None
     max_images: Annotated[
         int | None,
         typer.Option(
@@ -171,6 +180,7 @@ def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
         "map_sigma_m": given.map_sigma,
         "constraint_fraction": given.constraint_fraction,
         "stereo": given.stereo,
+        "secondary_light": given.secondary_light,
         "max_images": given.max_images,
         "photometry": given.photometry or None,
         "psf_px": given.psf,

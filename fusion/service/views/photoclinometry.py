@@ -20,6 +20,7 @@ from fusion.service.views.surfaces.cache import Stamp, stamp_of
 from fusion.workspace import Workspace
 from spcola.arrays import AnyArray
 from spcola.errors import WorkspaceError
+from spcola.photometry.secondary_light import name_of_image
 from spcola.shape import RayCaster
 
 __all__ = ["solved_etag", "solved_index", "solved_maplet", "solved_picture"]
@@ -128,11 +129,12 @@ def solved_etag(workspace: Workspace, maplet: str, image: str) -> str:
 
 def _key(workspace: Workspace, maplet: str, image: str) -> tuple[Hashable, ...]:
     """Return what a picture is made from."""
+    own = name_of_image(image) or image
     paths = [
-        workspace.photoclinometry_path, workspace.maplet_path(maplet), workspace.image_path(image),
-        workspace.exposure_path(image),
+        workspace.photoclinometry_path, workspace.maplet_path(maplet), workspace.image_path(own),
+        workspace.exposure_path(own),
     ]  # fmt: skip
-    return ("solved", stamp_of(*(path for path in paths if path.is_file())))
+    return ("solved", image, stamp_of(*(path for path in paths if path.is_file())))
 
 
 def _content(workspace: Workspace) -> dict[str, Any]:

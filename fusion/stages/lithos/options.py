@@ -69,6 +69,8 @@ class LithosOptions:
         Sigma of their heights where a file states none, metres.
     max_images : int
         Most images of a maplet.
+    secondary : tuple of str
+        Images that also count where the Sun does not light the ground.
     photoclinometry : PhotoclinometryOptions
     accepted : tuple of str
         Codes of findings of the registration that are accepted, where the lidar is asked for.
@@ -87,6 +89,7 @@ class LithosOptions:
     maps: tuple[Path, ...] = ()
     map_sigma_m: float | None = None
     max_images: int = 50
+    secondary: tuple[str, ...] = ()
     photoclinometry: PhotoclinometryOptions = field(default_factory=PhotoclinometryOptions)
     accepted: tuple[str, ...] = ()
     purpose: Purpose = Purpose.LITHOS
@@ -135,6 +138,7 @@ class LithosOptions:
             (*(root / name for name in table.maps), *maps) if ConstraintKind.MAPS in asked else (),
             table.map_sigma_m or None,
             table.max_images,
+            tuple(sorted(set(table.secondary_light))),
             PhotoclinometryOptions(
                 photometric_function(function),
                 table.psf_px,
@@ -174,6 +178,7 @@ class LithosOptions:
             "maps": [path.name for path in self.maps],
             "map_sigma_m": self.map_sigma_m,
             "max_images": self.max_images,
+            "secondary_light": list(self.secondary),
             "photometry": own.function.text,
             "psf_px": own.psf_px,
             "albedo_sigma": own.albedo_sigma,

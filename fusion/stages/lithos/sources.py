@@ -18,6 +18,7 @@ from fusion.stages.lithos.limbs import Limbs
 from fusion.stages.lithos.maps import ExternalMap, read_maps
 from fusion.stages.lithos.options import ConstraintKind, LithosOptions
 from fusion.stages.lithos.returns import RegisteredReturns
+from fusion.stages.lithos.shade import check_shade, looks_at
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from fusion.workspace.settings.processing import RegisterSettings
@@ -31,6 +32,13 @@ from spcola.photometry.photoclinometry import (
     Photoclinometry,
     PhotoclinometryOptions,
     solve_photoclinometry,
+)
+from spcola.photometry.secondary_light import (
+    SecondaryLight,
+    image_in_shade,
+    name_in_shade,
+    name_of_image,
+    secondary_light,
 )
 from spcola.shape import RayCaster, shape_heights
 from spcola.shape.tiling import mesh_of_maplets
@@ -111,9 +119,10 @@ class LithosSources:
                 workspace.root / "IMAGEFILES",
                 "bring images and states: spcola images",
             )
+        check_shade(options.secondary, images.images)
         of_shape = {ConstraintKind.SHAPE, ConstraintKind.LIMBS}
         shape = of_shape & set(options.constraints) or options.start == "shape"
-        if shape and images.beyond is None:
+        if (shape or options.secondary) and images.beyond is None:
             raise WorkspaceError(
                 "has no shape", workspace.root, "leave it out: --start maplet --constraint overlaps"
             )
@@ -160,6 +169,7 @@ class LithosSources:
             States and pixels of their images, the shape, the registration: digest by path.
         """
         shown = {image.name for name in names for image in self.showing(name)}
+        shown |= set(self.options.secondary)
         # A limb may be in any image.
         every = self.limbs is not None
         found = self.digests.files(one for one in self.images.images if every or one.name in shown)
@@ -193,13 +203,16 @@ class LithosSources:
         name : str
         """
         start = self._start(name)
-        images = self.showing(name)
-        states = {image.name: self.images.states[image.name] for image in images}
+        digests = {image.name: self.digests.of(image) for image in self.showing(name)}
+        states = {image: self.images.states[image] for image in digests}
+        for image in self._shaded(start.grid):
+            digests[name_in_shade(image.name)] = self.digests.of(image)
+            states[name_in_shade(image.name)] = self.images.states[image.name]
         found: Photoclinometry = self.items.result(
             self.from_images,
             start,
             self._around(start),
-            {image.name: self.digests.of(image) for image in images},
+            digests,
             self.digests.shape,
             states,
             self._constraints(start),
@@ -232,14 +245,41 @@ class LithosSources:
         constraints : tuple of HeightConstraint
         options : PhotoclinometryOptions
         """
-        known = {image.name: image for image in self.images.images}
-        exposed = [self.images.exposed(known[name]) for name in images]
+        exposed, secondary = self._exposed(start, images)
         beyond = [] if self.images.beyond is None else [self.images.beyond]
         if around:
             beyond.append(RayCaster(mesh_of_maplets(around, _AROUND_STEP * start.grid.gsd)))
         return solve_photoclinometry(
-            start, exposed, states, constraints=constraints, beyond=beyond, options=options
-        )
+            start, exposed, states, constraints=constraints, beyond=beyond, secondary=secondary,
+            options=options,
+        )  # fmt: skip
+
+    def _shaded(self, grid: MapletGrid) -> list[SpcImage]:
+        """Return the images that look at a grid, and count where it is in the shade."""
+        asked = set(self.options.secondary)
+        return [one for one in self.images.images if one.name in asked and looks_at(one, grid)]
+
+    def _exposed(
+        self, start: Maplet, names: Iterable[str]
+    ) -> tuple[list[SpcImage], dict[str, SecondaryLight]]:
+        """Return images with their pixels, and what lights those that show ground in the shade.
+
+        Those that would, where the Sun lights all ground, are left out.
+        """
+        known = {image.name: image for image in self.images.images}
+        function = self.options.photoclinometry.function
+        exposed, lights = list[SpcImage](), dict[str, SecondaryLight]()
+        for name in names:
+            image = name_of_image(name)
+            if image is None:
+                exposed.append(self.images.exposed(known[name]))
+                continue
+            assert self.images.beyond is not None
+            light = secondary_light(start, known[image], self.images.beyond, function)
+            if light is not None:
+                exposed.append(image_in_shade(self.images.exposed(known[image])))
+                lights[name] = light
+        return exposed, lights
 
     def _around(self, start: Maplet) -> tuple[Maplet, ...]:
         """Return the maplets with heights that are near enough to hide and shade its ground.

@@ -17,6 +17,7 @@ from spcola.photometry.photoclinometry.image_equations import ImageState, compar
 from spcola.photometry.photoclinometry.image_window import ImageWindow, open_ground, window_over
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.surface import Surface, resampled_points
+from spcola.photometry.secondary_light import SecondaryLight
 from spcola.shape import RayCaster
 
 # Share of the cells around a point that a camera has to see.
@@ -54,6 +55,7 @@ class Comparison:
         shift_px: tuple[float, float] = (0.0, 0.0),
         gradient: tuple[float, float] = (0.0, 0.0),
         beyond: Sequence[RayCaster] = (),
+        light: SecondaryLight | None = None,
         options: PhotoclinometryOptions | None = None,
     ) -> Comparison | None:
         """Return the comparison of an image with a maplet; None where it shows too little of it.
@@ -68,6 +70,8 @@ class Comparison:
             As its :class:`ImageFit` has them.
         beyond : sequence of RayCaster, optional
             The whole body, and maplets around, which hide and shades ground.
+        light : SecondaryLight, optional
+            Of an image that shows ground in the shade.
         options : PhotoclinometryOptions, optional
             Photometric function and point spread of the solution.
 
@@ -84,7 +88,7 @@ class Comparison:
         grid, height = maplet.grid, filled(maplet.height)
         coarse = grid.with_gsd(grid.gsd * options.levels[0])
         ground = open_ground(image, coarse, resampled_points(height, grid, coarse), beyond)
-        window = window_over(image, grid, height, coarse, ground)
+        window = window_over(image, grid, height, coarse, ground, light=light)
         if window is None:
             return None
         state = ImageState(float("nan"), np.array(gradient), np.array(shift_px), float("nan"))

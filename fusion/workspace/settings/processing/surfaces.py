@@ -130,6 +130,12 @@ class LithosSettings(Table):
     max_images: Annotated[int, Span(2, 10_000)] = Field(
         default=50, description="most images of a maplet"
     )
+    secondary_light: list[Text] = Field(
+        default=[],
+        max_length=100_000,
+        description="images that also count where the Sun does not light the ground, below their "
+        "lower threshold: lit ground around it is its light",
+    )
     photometry: Text = Field(
         default="",
         description="photometric function with its parameters; empty: that of [register]",
