@@ -3,9 +3,11 @@
 For each seed the real commands make a mission, its mapolas, registration and fused maplets, and
 four solutions from images: alone from the shape, with mapolas, with the returns themselves, and
 `fuse --from images`. Each is compared with the truth, like today's SPC maplets, mapolas and fused
-maplets (rms of heights and slopes, resolution, sigmas). `--densities` makes the mission again with
-a lidar that is thinner by these factors (with mapolas of 2 m where returns would not cover finer
-ones), `--speed` times one maplet of 99 x 99 points and profiles it.
+maplets (rms of heights and slopes, resolution, sigmas). With several seeds a last table has the
+pulls and the shares of errors within one and two sigma, of each model and region of `truth assess`,
+over all seeds. `--densities` makes the mission again with a lidar that is thinner by these factors
+(with mapolas of 2 m where returns would not cover finer ones), `--speed` times one maplet of
+99 x 99 points and profiles it.
 
     python scripts/bench/photoclinometry.py [--preset mini] [--seeds 1] [--work DIR]
         [--densities 10 100] [--speed]
@@ -57,6 +59,8 @@ SOLUTIONS = {
 COLUMNS = ("heights", "lit", "shadowed", "lit slope", "resolved", "pull", "1 sigma", "2 sigma")
 # Goals of the issue: slopes with images alone; gain in slopes over the better of both; sigmas.
 SLOPE_GOAL_DEG, GAIN_GOAL = 3.0, 0.75
+# Wanted share of errors within so many sigmas, and how far it may be from that.
+SHARES = {1: (0.68, 0.08), 2: (0.95, 0.03)}
 # Lidar thinner than this leaves nine of ten cells of mapolas of half a metre empty.
 COVERED = 30.0
 # Published: 418 computer hours for the maplets of 18 cm of a body of 500 m.
@@ -114,15 +118,15 @@ def solved(workspace: Path, thinner: float) -> Iterator[tuple[str, float, dict[s
         yield name, found["seconds"], found
 
 
-def assessed(workspace: Path, solution: str | None = None) -> dict[str, list[float]]:
-    """Return the columns of each model of a solution by the model's name."""
+def assessed(workspace: Path, solution: str | None = None) -> dict[str, dict[str, Any]]:
+    """Return the assessed models of a solution, or of the imported one, by their names."""
     kept = workspace.parent / f"assessed-{solution or 'imported'}.json"
     if not kept.exists():
         chosen = ["--solution", solution] if solution else []
         mission = workspace.parent / "mission"
         timed(["truth", "assess", workspace, "--truth", mission, *chosen, "--json"], out=kept)
     content = json.loads(kept.read_text(encoding="utf-8"))
-    return {model["name"]: columns(model) for model in content["models"]}
+    return {model["name"]: model for model in content["models"]}
 
 
 def columns(model: dict[str, Any]) -> list[float]:
@@ -150,11 +154,11 @@ def table(rows: dict[str, list[float]]) -> Iterator[str]:
 def gain(work: Path, preset: str, seed: int, thinner: float) -> Iterator[str]:
     """Yield the table of one mission, costs and outcomes."""
     workspace = prepared(work, preset, seed, thinner)
-    rows = assessed(workspace)
+    rows = {name: columns(model) for name, model in assessed(workspace).items()}
     yield f"{preset}, seed {seed}, lidar thinner by {thinner:g}"
     for name, seconds, found in solved(workspace, thinner):
         last = SOLUTIONS[name][-1]
-        rows[name] = next(iter(assessed(workspace, last).values()))
+        rows[name] = columns(assessed(workspace, last)["SPC maplets"])
         outcomes = ", ".join(f"{count} {code}" for code, count in found["outcomes"].items())
         yield f"  {name}: {seconds:.0f} s, {found['gib']:.2f} GiB; {outcomes}"
     yield from table(rows)
@@ -165,6 +169,46 @@ def gain(work: Path, preset: str, seed: int, thinner: float) -> Iterator[str]:
     yield (
         f"  slopes with lidar over the better of both alone: {both / better:.2f} (goal {GAIN_GOAL})"
     )
+
+
+def sigma_lines(workspaces: Sequence[Path]) -> Iterator[str]:
+    """Yield pulls and shares within sigmas of each model and region, over some missions."""
+    missions = [models_with_sigmas(workspace) for workspace in workspaces]
+    heads = f"{'points':>10}{'pull mean':>11}{'std':>6}{'1 sigma':>20}{'2 sigma':>20}"
+    yield f"{len(missions)} missions: shares over all points, and of single missions"
+    yield f"{'':42}{heads}  as wanted"
+    for name in missions[0]:
+        for region in missions[0][name]["regions"]:
+            scores = [mission[name]["regions"][region] for mission in missions]
+            yield f"{name:20}{region:22}{over_missions([s for s in scores if s['points']])}"
+
+
+def models_with_sigmas(workspace: Path) -> dict[str, dict[str, Any]]:
+    """Return the assessed models of a mission that state sigmas, solutions from images included."""
+    models = assessed(workspace)
+    for name, (*_, last) in SOLUTIONS.items():
+        models[name] = assessed(workspace, last)["SPC maplets"]
+    return {
+        name: model
+        for name, model in models.items()
+        if model["regions"]["all"]["pull_std"] is not None
+    }
+
+
+def over_missions(scores: Sequence[dict[str, Any]]) -> str:
+    """Return points, pulls and shares within sigmas of one region over some missions."""
+    count, middle, spread = (
+        np.array([score[key] for score in scores]) for key in ("points", "pull_mean", "pull_std")
+    )
+    mean = float(np.average(middle, weights=count))
+    deviation = np.sqrt(np.average(spread**2 + (middle - mean) ** 2, weights=count))
+    cells, right = "", True
+    for sigmas, (wanted, most) in SHARES.items():
+        shares = [score[f"within_{sigmas}_sigma"] for score in scores]
+        share = float(np.average(shares, weights=count))
+        cells += f"{share:8.3f} ({min(shares):.2f} - {max(shares):.2f})"
+        right &= abs(share - wanted) <= most
+    return f"{count.sum():10}{mean:11.2f}{deviation:6.2f}{cells}  {'yes' if right else 'no'}"
 
 
 def speed(workspace: Path) -> Iterator[str]:
@@ -219,10 +263,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         work = given.work or Path(temporary)
         work.mkdir(parents=True, exist_ok=True)
-        for seed in range(1, given.seeds + 1):
+        seeds = range(1, given.seeds + 1)
+        for seed in seeds:
             for thinner in (1.0, *given.densities):
                 for line in gain(work, given.preset, seed, thinner):
                     print(line, flush=True)
+        if len(seeds) > 1:
+            missions = [prepared(work, given.preset, seed, 1.0) for seed in seeds]
+            for line in sigma_lines(missions):
+                print(line, flush=True)
         if given.speed:
             for line in speed(prepared(work, given.preset, 1, 1.0)):
                 print(line, flush=True)
