@@ -7,6 +7,9 @@ import numpy as np
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
 
+# Rays that rise faster than the steepest ground, by more than rounding, never meet it.
+_STEEPER = 1.0 + 1e-6
+
 
 def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
     """Return which points of a grid lie in the shadow of others.
@@ -28,10 +31,9 @@ def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
         return np.isfinite(height)
     dark = np.zeros(height.shape, dtype=np.bool_)
     run = float(np.hypot(sun[0], sun[1]))
-    if run == 0.0 or not np.isfinite(height).any():
-        return dark
-    step = np.array([sun[0], sun[1], sun[2]]) / run
-    _march(height, step[0], step[1], step[2], float(np.nanmax(height)), dark)
+    top, steepest = _top_and_steepest(height)
+    if run > 0.0 and not sun[2] > run * steepest:
+        _march(height, sun[0] / run, sun[1] / run, sun[2] / run, top, dark)
     return dark
 
 
@@ -52,9 +54,40 @@ def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
         Unknown points are never hidden.
     """
     behind = np.zeros(height.shape, dtype=np.bool_)
-    if np.isfinite(height).any():
-        _march_to(height, eye[0], eye[1], eye[2], float(np.nanmax(height)), behind)
+    top, steepest = _top_and_steepest(height)
+    last = np.array(height.shape[::-1]) - 1.0
+    farthest = float(np.hypot(*np.maximum(np.abs(eye[:2]), np.abs(eye[:2] - last))))
+    if not eye[2] - top > farthest * steepest:
+        _march_to(height, eye, top, steepest, behind)
     return behind
+
+
+def _top_and_steepest(height: FloatArray) -> tuple[float, float]:
+    """Return the highest height, and the slope, a grid step, from which on rays meet no ground.
+
+    −∞ without any height. Across gaps ground may rise by anything: the slope is infinite.
+    """
+    known = np.isfinite(height)
+    if known.all():
+        return float(height.max()), _STEEPER * _steepest(height)
+    return float(np.max(height, where=known, initial=-np.inf)), np.inf
+
+
+@compiled
+def _steepest(height: FloatArray) -> float:
+    """Return the largest slope of bilinear heights, all known, a grid step.
+
+    Along columns and along rows a cell's slope is at most that of the steeper of its edges.
+    """
+    # A maximum for each column, rather than one, is vectorised.
+    squares = np.zeros(height.shape[1])
+    for i in range(height.shape[0] - 1):
+        here, below = height[i], height[i + 1]
+        for j in range(height.shape[1] - 1):
+            across = max(abs(here[j + 1] - here[j]), abs(below[j + 1] - below[j]))
+            down = max(abs(below[j] - here[j]), abs(below[j + 1] - here[j + 1]))
+            squares[j] = max(squares[j], across * across + down * down)
+    return float(np.sqrt(squares.max()))
 
 
 @compiled
@@ -69,17 +102,18 @@ def _march(
 
 @compiled
 def _march_to(
-    height: FloatArray, x: float, y: float, up: float, top: float, behind: BoolArray
+    height: FloatArray, eye: FloatArray, top: float, steepest: float, behind: BoolArray
 ) -> None:
     """Follow the ray from each point to an eye; points straight below it are never hidden."""
     for row in range(height.shape[0]):
         for column in range(height.shape[1]):
-            across, along = x - column, y - row
+            across, along = eye[0] - column, eye[1] - row
             run = np.hypot(across, along)
             if run > 1.0 and height[row, column] < np.inf:
-                rise = (up - height[row, column]) / run
-                behind[row, column] = rise <= 0.0 or _met(
-                    height, row, column, across / run, along / run, rise, top
+                rise = (eye[2] - height[row, column]) / run
+                behind[row, column] = rise <= 0.0 or (
+                    rise <= steepest
+                    and _met(height, row, column, across / run, along / run, rise, top)
                 )
 
 
