@@ -105,7 +105,7 @@ def _compared(
         return None
     used = compared.used
     scale = scaled(window.pixels[used], compared.expected[used], state, options).scale
-    u, v, *_ = window.places(surface.height, state.shift)
+    u, v = window.places(surface.height, state.shift)
     sample, line = (np.floor(w).astype(np.intp) for w in (u, v))
     height, width = window.pixels.shape
     inside = (sample >= 0) & (sample < width) & (line >= 0) & (line < height)

@@ -9,9 +9,11 @@ import numpy as np
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.math.robust import mad
 from spcola.photometry.photoclinometry.cell_pixels import (
+    EQUATIONS,
     FACTORS,
+    UNKNOWNS,
     WITH_CONTRAST,
-    Places,
+    box_cells,
     gather_cells,
     shade_cells,
     spread_cells,
@@ -96,10 +98,9 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """Places, visibility and brightness of the cells of a surface in an image."""
+    """Cells of a surface in an image: their seen rectangles, lit shares and brightness."""
 
-    places: Places
-    seen: FloatArray
+    boxes: FloatArray
     lit: FloatArray
     shades: FloatArray
 
@@ -114,38 +115,25 @@ def _ground_in(
     seen, lit = window.seen_and_lit(surface.height, surface.gsd)
     if sun is not None:
         lit = window.lit(surface.height, surface.gsd, sun)
-    shades = np.empty((3, *seen.shape))
+    boxes, shades = np.empty((5, *seen.shape)), np.empty((3, *seen.shape))
+    u, v = window.places(surface.height, state.shift)
+    # Twelve variances of the point spread, blocks².
+    blur = _SQUARED_WIDTH * (options.psf_px / window.block) ** 2
+    box_cells(u, v, window.facing, blur, seen, boxes)
     shade_cells(
-        int(options.function.code), options.function.packed, surface.slopes,
-        window.sun if sun is None else sun, window.eye, window.phase, shades,
+        (int(options.function.code), options.function.packed), surface.slopes,
+        window.sun if sun is None else sun, window.eye, window.phase, state.gradient, shades,
     )  # fmt: skip
-    shades *= gain(state.gradient, seen.shape)
-    return _Ground(window.places(surface.height, state.shift), seen, lit, shades)
+    return _Ground(boxes, lit, shades)
 
 
-def _compared(
-    window: ImageWindow, surface: Surface, ground: _Ground, options: PhotoclinometryOptions
-) -> Compared:
+def _compared(window: ImageWindow, surface: Surface, ground: _Ground) -> Compared:
     """Spread the brightness of cells over the pixels of an image [16]."""
-    lit = ground.lit
-    layers = np.stack([surface.albedo * ground.shades[0] * lit, (lit > 0.0) & (lit < 1.0)])
     sums = np.zeros((3, *window.pixels.shape))
-    u, v = ground.places[:2]
-    spread_cells(u, v, window.facing, _blur(window, options), ground.seen, layers, sums)
+    spread_cells(ground.boxes, surface.albedo, ground.lit, ground.shades[0], sums)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     expect_pixels(sums, window.usable, _FILLED, used)
     return Compared(used, *sums)
-
-
-def _blur(window: ImageWindow, options: PhotoclinometryOptions) -> float:
-    """Return twelve times the variance of the point spread, blocks²."""
-    return _SQUARED_WIDTH * (options.psf_px / window.block) ** 2
-
-
-def gain(gradient: FloatArray, cells: tuple[int, ...]) -> FloatArray:
-    """Return 1 plus a plane (R − 1, C − 1) of relative changes from the centre to the edge."""
-    y, x = ((np.arange(size) * 2.0 + 1.0) / size - 1.0 for size in cells)
-    return 1.0 + gradient[0] * x + gradient[1] * y[:, None]
 
 
 def compare_image(
@@ -167,7 +155,7 @@ def compare_image(
     sun : (3,) ndarray, optional
         Another direction of the Sun, along the grid's axes.
     """
-    return _compared(window, surface, _ground_in(window, surface, state, options, sun), options)
+    return _compared(window, surface, _ground_in(window, surface, state, options, sun))
 
 
 def scaled(
@@ -192,10 +180,10 @@ class Sums:
 
     Attributes
     ----------
-    own : (R − 1, C − 1, 14) ndarray
+    own : (14, R − 1, C − 1) ndarray
         Upper triangle, row by row, for (∂h/∂x, ∂h/∂y, h, albedo) of each cell, then the right-hand
         side.
-    factors : (K, R − 1, C − 1, 8) ndarray of float32
+    factors : (K, 8, R − 1, C − 1) ndarray of float32
         Derivatives by these unknowns and by the nuisance parameters of each image, over the error
         of the brightness, as :func:`gather_cells` has them.
     nuisance : (K, 6, 7) ndarray
@@ -210,20 +198,20 @@ class Sums:
     def empty(cls, images: int, cells: tuple[int, int]) -> Sums:
         """Return sums over no image yet."""
         return cls(
-            np.zeros((*cells, 14)),
-            np.zeros((images, *cells, FACTORS), dtype=np.float32),
+            np.zeros((EQUATIONS, *cells)),
+            np.zeros((images, FACTORS, *cells), dtype=np.float32),
             np.zeros((images, WITH_CONTRAST, WITH_CONTRAST + 1)),
         )
 
     @property
     def normal(self) -> FloatArray:
         """Upper triangles (10, R − 1, C − 1) of the normal matrices."""
-        return np.moveaxis(self.own[..., :10], -1, 0)
+        return self.own[:-UNKNOWNS]
 
     @property
     def right(self) -> FloatArray:
         """Right-hand sides (4, R − 1, C − 1)."""
-        return np.moveaxis(self.own[..., 10:], -1, 0)
+        return self.own[-UNKNOWNS:]
 
 
 def add_image(
@@ -246,7 +234,7 @@ def add_image(
     less well, at low phase or high incidence, count less.
     """
     ground = _ground_in(window, surface, state, options)
-    compared = _compared(window, surface, ground, options)
+    compared = _compared(window, surface, ground)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     if find_inner(compared.expected, compared.used, used) < _FEWEST:
         return replace(state, spread=float("nan"))
@@ -259,13 +247,11 @@ def add_image(
         window.pixels, used, (compared.expected, compared.area, compared.edge),
         (state.scale, state.spread, dark, options.loss_scale, window.block), weighted,
     )  # fmt: skip
-    seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
-    level = state.scale * float(expected.mean())
-    seeing = window.facing, _blur(window, options), seen, level
+    if cells is not None:
+        ground.boxes[-1] *= cells
     bright = state.scale * ground.lit, surface.albedo, ground.shades
+    lift = window.lift if options.stereo else np.zeros_like(window.lift)
     into = sums.own, sums.factors[number], sums.nuisance[number]
-    places = ground.places
-    if not options.stereo:
-        places = *places[:2], np.zeros_like(window.up_u), np.zeros_like(window.up_v)
-    gather_cells(places, seeing, weighted, bright, into)
+    level = state.scale * float(expected.mean())
+    gather_cells(ground.boxes, lift, weighted, bright, level, into)
     return replace(state, spread=found.spread)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera import SpcImage, project_image
+from spcola.compilation import compiled
 from spcola.grids import MapletGrid
 from spcola.photometry.ground import Ground, at_cells
 from spcola.photometry.ortho_image import stop_at_other_ground
-from spcola.photometry.photoclinometry.cell_pixels import Places
 from spcola.photometry.photoclinometry.surface import resampled_points
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
@@ -149,27 +150,42 @@ class ImageWindow:
         )
         return gsd / (self.block * float(np.sqrt(abs(across[0] * down[1] - across[1] * down[0]))))
 
-    def places(self, height: FloatArray, shift: FloatArray) -> Places:
-        """Return sample and line (R, C) of points at other heights, and both derivatives.
+    def places(self, height: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return sample and line (R, C), in blocks, of points at other heights.
 
-        The first two are in blocks, `shift` (2,) and derivatives in pixels.
+        `shift` (2,) is in pixels.
         """
         rise = height - self.height
         return (
             self.u + (self.up_u * rise + shift[0]) / self.block,
             self.v + (self.up_v * rise + shift[1]) / self.block,
-            self.up_u,
-            self.up_v,
         )
+
+    @cached_property
+    def lift(self) -> FloatArray:
+        """Derivatives of sample and line (2, R − 1, C − 1) of cells by height, pixels a metre."""
+        return np.stack([at_cells(self.up_u), at_cells(self.up_v)])
 
     def seen_and_lit(self, height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
         """Return the shares (R − 1, C − 1) of each cell that the camera sees, and that are lit."""
-        seen = self.open_seen * at_cells(1.0 - hidden(height, self.camera))
-        return seen, self.open_lit * self.lit(height, gsd, self.sun)
+        seen = np.empty(self.open_seen.shape)
+        _uncover(self.open_seen, hidden(height, self.camera), seen)
+        return seen, self.lit(height, gsd, self.sun)
 
     def lit(self, height: FloatArray, gsd: float, sun: FloatArray) -> FloatArray:
-        """Return the share (R − 1, C − 1) of each cell in no shadow of the grid's own ground."""
-        return at_cells(1.0 - cast_shadow(height, sun * [1.0, 1.0, gsd]))
+        """Return the share (R − 1, C − 1) of each cell that a Sun lights."""
+        lit = np.empty(self.open_lit.shape)
+        _uncover(self.open_lit, cast_shadow(height, sun * [1.0, 1.0, gsd]), lit)
+        return lit
+
+
+@compiled
+def _uncover(whole: FloatArray, covered: BoolArray, shares: FloatArray) -> None:
+    """Fill `shares` (R − 1, C − 1) with those of `whole` in no covered points (R, C)."""
+    for i in range(whole.shape[0]):
+        for j in range(whole.shape[1]):
+            corners = covered[i, j] + covered[i, j + 1] + covered[i + 1, j] + covered[i + 1, j + 1]
+            shares[i, j] = whole[i, j] * (1.0 - 0.25 * corners)
 
 
 def _block_of(pixel: FloatArray, line: FloatArray, cell: float) -> int:
