@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline, compiled_sums
 from spcola.heights import inverse_diagonal
 
@@ -105,13 +105,13 @@ class CellSurface:
         `tolerance` is the norm of what is left of the residual in that of the matrix's inverse,
         relative to the right-hand side's.
         """
-        right = self._right.ravel()
+        right = self._right.ravel().copy()
         if self._nuisance is not None:
-            right = right - cho_solve(self._nuisance, self._nuisance_right) @ self._coupled
+            _subtract_rows(cho_solve(self._nuisance, self._nuisance_right), self._coupled, right)
         x = self._conjugate(right, tolerance)
         if self._nuisance is None:
             return x.reshape(self._shape), np.zeros(0)
-        left = self._nuisance_right - self._coupled @ x
+        left = self._nuisance_right - self._with_nuisances(x)
         return x.reshape(self._shape), cho_solve(self._nuisance, left)
 
     def _conjugate(self, right: FloatArray, tolerance: float) -> FloatArray:
@@ -134,6 +134,12 @@ class CellSurface:
             product = following
         return x
 
+    def _with_nuisances(self, x: FloatArray) -> FloatArray:
+        """Return the products (P,) of the nuisance parameters with heights."""
+        products = np.empty(len(self._coupled))
+        _multiply_rows(self._coupled, x, products)
+        return products
+
     def _direct(self, right: FloatArray) -> FloatArray:
         solved = right.copy()
         _substitute(self._factor, solved)
@@ -153,7 +159,7 @@ class CellSurface:
         out = np.empty(x.size)
         _multiply(self._diagonals.reshape(5, -1), self._shape[1], x, out)
         if self._nuisance is not None:
-            out -= cho_solve(self._nuisance, self._coupled @ x) @ self._coupled
+            _subtract_rows(cho_solve(self._nuisance, self._with_nuisances(x)), self._coupled, out)
         return out
 
     def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
@@ -240,6 +246,28 @@ def _multiply(diagonals: FloatArray, columns: int, x: FloatArray, out: FloatArra
         for k in range(size - apart):
             out[k] += diagonals[d, k] * x[k + apart]
             out[k + apart] += diagonals[d, k] * x[k]
+
+
+@compiled_sums
+def _multiply_rows(rows: AnyArray, x: FloatArray, out: FloatArray) -> None:
+    """Fill `out` (P,) with the products of rows (P, N), of either precision, with x (N,).
+
+    NumPy would convert all rows to the precision of x, each time.
+    """
+    for p in range(out.size):
+        row, total = rows[p], 0.0
+        for k in range(x.size):
+            total += row[k] * x[k]
+        out[p] = total
+
+
+@compiled
+def _subtract_rows(factors: FloatArray, rows: AnyArray, out: FloatArray) -> None:
+    """Subtract from `out` (N,) rows (P, N), of either precision, each times its factor."""
+    for p in range(factors.size):
+        row, factor = rows[p], factors[p]
+        for k in range(out.size):
+            out[k] -= factor * row[k]
 
 
 @compiled

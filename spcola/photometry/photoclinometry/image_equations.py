@@ -241,7 +241,7 @@ def add_image(
     pixels, expected = window.pixels[used], compared.expected[used]
     found = scaled(pixels, expected, state, options)
     state = found if rescale else state
-    weighted = np.zeros((*window.pixels.shape, 5))
+    weighted = np.empty((*window.pixels.shape, 5))
     dark = options.least_brightness * float(expected.mean())
     weigh_pixels(
         window.pixels, used, (compared.expected, compared.area, compared.edge),

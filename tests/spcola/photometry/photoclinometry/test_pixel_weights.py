@@ -25,7 +25,7 @@ def weighed(pixels, expected, *, edge=None, area=None, dark=0.0):
     """The five layers, and which pixels have them."""
     edge = np.zeros(SHAPE) if edge is None else edge
     area = np.ones(SHAPE) if area is None else area
-    used, out = np.zeros(SHAPE, dtype=bool), np.zeros((*SHAPE, 5))
+    used, out = np.zeros(SHAPE, dtype=bool), np.full((*SHAPE, 5), np.nan)
     count = find_inner(expected, np.isfinite(expected), used)
     assert count == np.count_nonzero(used)
     weigh_pixels(pixels, used, (expected, area, edge), (SCALE, SPREAD, dark, LOSS, 1), out)
