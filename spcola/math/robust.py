@@ -128,8 +128,9 @@ def _median(array: FloatArray, axis: int) -> FloatArray:
     if array.ndim == 1 and array.size:
         # Many times as fast as a sort and the indices of the general case.
         known = array.size - int(np.count_nonzero(np.isnan(array)))
-        middle = [max(known - 1, 0) // 2, min(known // 2, array.size - 1)]
-        return np.asarray(np.partition(array, middle)[middle].sum() / 2.0)  # NaN last
+        below, above = max(known - 1, 0) // 2, min(known // 2, array.size - 1)
+        parted = np.partition(array, [below, above])  # NaN last
+        return np.asarray((parted[below] + parted[above]) / 2.0)
     ordered = np.sort(array, axis=axis)  # NaN last
     count = np.expand_dims(np.sum(~np.isnan(array), axis=axis), axis)
     if ordered.shape[axis] == 0:

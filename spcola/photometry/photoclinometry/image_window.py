@@ -249,5 +249,13 @@ def window_over(
     finest_m : float, optional
         As in :meth:`ImageWindow.of`.
     """
-    seen, lit = (at_cells(resampled_points(points, coarse, grid)) for points in ground)
+    seen, lit = (_shares(points, coarse, grid) for points in ground)
     return ImageWindow.of(image, grid, height, (seen, lit), finest_m=finest_m)
+
+
+def _shares(points: FloatArray, coarse: MapletGrid, grid: MapletGrid) -> FloatArray:
+    """Return shares (R − 1, C − 1) of the cells of a grid from those at points of a coarser one."""
+    # The rule: nothing beyond the grid hides or shades it.
+    if (points == 1.0).all():
+        return np.ones((grid.size - 1,) * 2)
+    return at_cells(resampled_points(points, coarse, grid))
