@@ -107,13 +107,11 @@ def _march_to(
     """Follow the ray from each point to an eye; points straight below it are never hidden."""
     for row in range(height.shape[0]):
         for column in range(height.shape[1]):
-            across, along = eye[0] - column, eye[1] - row
-            run = np.hypot(across, along)
-            if run > 1.0 and height[row, column] < np.inf:
-                rise = (eye[2] - height[row, column]) / run
-                behind[row, column] = rise <= 0.0 or (
-                    rise <= steepest
-                    and _met(height, row, column, across / run, along / run, rise, top)
+            across, along, up = eye[0] - column, eye[1] - row, eye[2] - height[row, column]
+            run = np.sqrt(across * across + along * along)
+            if run > 1.0 and up <= steepest * run:
+                behind[row, column] = up <= 0.0 or _met(
+                    height, row, column, across / run, along / run, up / run, top
                 )
 
 
