@@ -126,22 +126,28 @@ def shade_cells(
         Relative change of all three along the grid's x and y, from its centre to its edge.
     shades : (3, R − 1, C − 1) ndarray
     """
-    code, packed = function
+    cells = phase.shape[1]
+    steep, incidence, emission = np.empty(cells), np.empty(cells), np.empty(cells)
+    # Three short loops along a row: the first and the last are vectorised.
     for i in range(phase.shape[0]):
         level = 1.0 + gradient[1] * cell_offset(i, phase.shape[0])
-        for j in range(phase.shape[1]):
-            gain = level + gradient[0] * cell_offset(j, phase.shape[1])
+        for j in range(cells):
             x, y = slopes[0, i, j], slopes[1, i, j]
-            steep = 1.0 / np.sqrt(1.0 + x * x + y * y)
-            ex, ey, ez = eye[0, i, j], eye[1, i, j], eye[2, i, j]
-            incidence = (sun[2] - x * sun[0] - y * sun[1]) * steep
-            emission = (ez - x * ex - y * ey) * steep
-            terms = phase_terms(code, packed, phase[i, j])
-            value, by_i, by_e = shade_at(code, terms, incidence, emission)
-            turned = (by_i * incidence + by_e * emission) * steep
-            shades[0, i, j] = gain * value
-            shades[1, i, j] = -gain * steep * (by_i * sun[0] + by_e * ex + turned * x)
-            shades[2, i, j] = -gain * steep * (by_i * sun[1] + by_e * ey + turned * y)
+            steep[j] = 1.0 / np.sqrt(1.0 + x * x + y * y)
+            incidence[j] = (sun[2] - x * sun[0] - y * sun[1]) * steep[j]
+            emission[j] = (eye[2, i, j] - x * eye[0, i, j] - y * eye[1, i, j]) * steep[j]
+        for j in range(cells):
+            terms = phase_terms(function[0], function[1], phase[i, j])
+            value, by_i, by_e = shade_at(function[0], terms, incidence[j], emission[j])
+            shades[0, i, j], shades[1, i, j], shades[2, i, j] = value, by_i, by_e
+        for j in range(cells):
+            gain = level + gradient[0] * cell_offset(j, cells)
+            by_i, by_e = shades[1, i, j], shades[2, i, j]
+            turned = (by_i * incidence[j] + by_e * emission[j]) * steep[j]
+            by_x = by_i * sun[0] + by_e * eye[0, i, j] + turned * slopes[0, i, j]
+            by_y = by_i * sun[1] + by_e * eye[1, i, j] + turned * slopes[1, i, j]
+            shades[0, i, j] *= gain
+            shades[1, i, j], shades[2, i, j] = -gain * steep[j] * by_x, -gain * steep[j] * by_y
 
 
 @compiled
