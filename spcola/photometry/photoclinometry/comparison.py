@@ -14,7 +14,12 @@ from spcola.grids import Maplet
 from spcola.grids.gaps import filled
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.image_equations import ImageState, compare_image, scaled
-from spcola.photometry.photoclinometry.image_window import ImageWindow, open_ground, window_over
+from spcola.photometry.photoclinometry.image_window import (
+    GridPoints,
+    ImageWindow,
+    open_ground,
+    window_over,
+)
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.surface import Surface, resampled_points
 from spcola.shape import RayCaster
@@ -83,8 +88,8 @@ class Comparison:
             raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
         grid, height = maplet.grid, filled(maplet.height)
         coarse = grid.with_gsd(grid.gsd * options.levels[0])
-        ground = open_ground(image, coarse, resampled_points(height, grid, coarse), beyond)
-        window = window_over(image, grid, height, coarse, ground)
+        opened = open_ground(image, coarse, resampled_points(height, grid, coarse), beyond)
+        window = window_over(image, GridPoints.of(grid, height), coarse, opened)
         if window is None:
             return None
         state = ImageState(float("nan"), np.array(gradient), np.array(shift_px), float("nan"))

@@ -29,6 +29,36 @@ _BLOCK = 0.75
 
 
 @dataclass(frozen=True, eq=False)
+class GridPoints:
+    """Points of a grid: what the windows of all images over it share.
+
+    Attributes
+    ----------
+    grid : MapletGrid
+    height : (R, C) ndarray
+        Metres, all known.
+    points, raised : (R, C, 3) ndarrays
+        Body-fixed, metres, and the same a little higher.
+    cells : (3, R − 1, C − 1) ndarray
+        Middles of cells from the grid's centre, along its axes, metres.
+    """
+
+    grid: MapletGrid
+    height: FloatArray
+    points: FloatArray
+    raised: FloatArray
+    cells: FloatArray
+
+    @classmethod
+    def of(cls, grid: MapletGrid, height: FloatArray) -> GridPoints:
+        """Return the points of a grid at heights (R, C), metres, all known."""
+        points = grid.points(height)
+        middles = grid.gsd * (np.arange(grid.size - 1) + 0.5 - grid.half_size)
+        cells = np.stack([*np.meshgrid(middles, middles), at_cells(height)])
+        return cls(grid, np.array(height), points, points + _RISE * grid.gsd * grid.uz, cells)
+
+
+@dataclass(frozen=True, eq=False)
 class ImageWindow:
     """An image over a grid.
 
@@ -84,8 +114,7 @@ class ImageWindow:
     def of(
         cls,
         image: SpcImage,
-        grid: MapletGrid,
-        height: FloatArray,
+        ground: GridPoints,
         open_ground: tuple[FloatArray, FloatArray],
         *,
         finest_m: float | None = None,
@@ -95,16 +124,15 @@ class ImageWindow:
         Parameters
         ----------
         image : SpcImage
-        grid : MapletGrid
-        height : (R, C) ndarray
-            Metres, all known; they may change later by far less than the distance.
+        ground : GridPoints
+            Their heights may change later by far less than the distance.
         open_ground : two (R − 1, C − 1) ndarrays
             `open_seen` and `open_lit`.
         finest_m : float, optional
             GSD for which blocks of pixels are small enough, metres; that of the grid if not given.
         """
-        points = grid.points(height)
-        pixel, line = project_image(image, points)
+        grid = ground.grid
+        pixel, line = project_image(image, ground.points)
         if image.pixels is None or not np.isfinite(pixel + line).all():
             return None
         cell = 1.0 if finest_m is None else finest_m / grid.gsd
@@ -118,28 +146,28 @@ class ImageWindow:
         pixels = np.asarray(image.pixels[window], dtype=np.float64)
         low, high = image.thresholds
         usable = (pixels > low) & (pixels < high)
-        raised = project_image(image, points + _RISE * grid.gsd * grid.uz)
+        raised = project_image(image, ground.raised)
         up = [
             (one - other) / (_RISE * grid.gsd)
             for one, other in zip(raised, (pixel, line), strict=True)
         ]
-        away = (image.position - at_cells(points)) @ grid.axes.T
-        eye = np.moveaxis(away / np.linalg.norm(away, axis=-1, keepdims=True), -1, 0)
+        camera = grid.axes @ (image.position - grid.center)
+        away = camera[:, None, None] - ground.cells
+        eye = away / np.sqrt(np.sum(away * away, axis=0))
         sun = grid.axes @ image.sun
         u, v = (
             (place - 0.5 - one.start) / block
             for place, one in zip((pixel, line), window[::-1], strict=True)
         )
         across, down = (np.array([w[j] - w[0, 0] for w in (u, v)]) for j in ((0, -1), (-1, 0)))
-        camera = grid.axes @ (image.position - grid.center) / [grid.gsd, grid.gsd, 1.0]
         facing = float(np.sign(across[0] * down[1] - across[1] * down[0]))
         return cls(
             image.name, _in_blocks(pixels, block).mean(axis=(1, 3)),
             np.asarray(_in_blocks(usable, block).all(axis=(1, 3))), block, u, v,
-            up[0], up[1], np.array(height), sun,
-            np.ascontiguousarray(eye),
+            up[0], up[1], ground.height, sun, eye,
             np.arccos(np.clip(np.tensordot(sun, eye, 1), -1.0, 1.0)),
-            camera + np.array([grid.half_size, grid.half_size, 0.0]), facing, *open_ground,
+            camera / [grid.gsd, grid.gsd, 1.0] + [grid.half_size, grid.half_size, 0.0], facing,
+            *open_ground,
         )  # fmt: skip
 
     def pixel_m(self, gsd: float) -> float:
@@ -227,10 +255,9 @@ def open_ground(
 
 def window_over(
     image: SpcImage,
-    grid: MapletGrid,
-    height: FloatArray,
+    ground: GridPoints,
     coarse: MapletGrid,
-    ground: tuple[FloatArray, FloatArray],
+    open_ground: tuple[FloatArray, FloatArray],
     *,
     finest_m: float | None = None,
 ) -> ImageWindow | None:
@@ -239,18 +266,16 @@ def window_over(
     Parameters
     ----------
     image : SpcImage
-    grid : MapletGrid
-    height : (R, C) ndarray
-        Metres, all known.
+    ground : GridPoints
     coarse : MapletGrid
         Of the same place.
-    ground : two ndarrays
-        What :func:`open_ground` gives for the points of `coarse`.
+    open_ground : two ndarrays
+        What the function of this name gives for the points of `coarse`.
     finest_m : float, optional
         As in :meth:`ImageWindow.of`.
     """
-    seen, lit = (_shares(points, coarse, grid) for points in ground)
-    return ImageWindow.of(image, grid, height, (seen, lit), finest_m=finest_m)
+    seen, lit = (_shares(points, coarse, ground.grid) for points in open_ground)
+    return ImageWindow.of(image, ground, (seen, lit), finest_m=finest_m)
 
 
 def _shares(points: FloatArray, coarse: MapletGrid, grid: MapletGrid) -> FloatArray:
