@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
@@ -11,7 +13,32 @@ from spcola.compilation import compiled
 _STEEPER = 1.0 + 1e-6
 
 
-def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
+@dataclass(frozen=True)
+class Relief:
+    """What limits how far rays over heights have to be followed.
+
+    Attributes
+    ----------
+    top : float
+        Highest height; −∞ without any.
+    steepest : float
+        Slope, a grid step, from which on rays meet no ground. Infinite with gaps: across them
+        ground may rise by anything.
+    """
+
+    top: float
+    steepest: float
+
+    @classmethod
+    def of(cls, height: FloatArray) -> Relief:
+        """Return that of heights (R, C); NaN where unknown."""
+        known = np.isfinite(height)
+        if known.all():
+            return cls(float(height.max()), _STEEPER * _steepest(height))
+        return cls(float(np.max(height, where=known, initial=-np.inf)), np.inf)
+
+
+def cast_shadow(height: FloatArray, sun: FloatArray, relief: Relief | None = None) -> BoolArray:
     """Return which points of a grid lie in the shadow of others.
 
     Parameters
@@ -21,6 +48,8 @@ def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
     sun : (3,) ndarray
         Direction of the Sun along columns, rows and up, in grid steps and the unit of `height`:
         for a unit vector s in maplet axes and heights in metres, (s_x, s_y, gsd · s_z).
+    relief : Relief, optional
+        Of the heights, if it is there.
 
     Returns
     -------
@@ -31,13 +60,13 @@ def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
         return np.isfinite(height)
     dark = np.zeros(height.shape, dtype=np.bool_)
     run = float(np.hypot(sun[0], sun[1]))
-    top, steepest = _top_and_steepest(height)
-    if run > 0.0 and not sun[2] > run * steepest:
-        _march(height, sun[0] / run, sun[1] / run, sun[2] / run, top, dark)
+    relief = relief or Relief.of(height)
+    if run > 0.0 and not sun[2] > run * relief.steepest:
+        _march(height, sun[0] / run, sun[1] / run, sun[2] / run, relief.top, dark)
     return dark
 
 
-def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
+def hidden(height: FloatArray, eye: FloatArray, relief: Relief | None = None) -> BoolArray:
     """Return which points of a grid others hide from an eye at a finite distance.
 
     Parameters
@@ -47,6 +76,8 @@ def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
     eye : (3,) ndarray
         Its position: along columns and rows in grid steps from the grid's first point, and up, in
         the unit of `height`.
+    relief : Relief, optional
+        Of the heights, if it is there.
 
     Returns
     -------
@@ -54,23 +85,12 @@ def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
         Unknown points are never hidden.
     """
     behind = np.zeros(height.shape, dtype=np.bool_)
-    top, steepest = _top_and_steepest(height)
+    relief = relief or Relief.of(height)
     last = np.array(height.shape[::-1]) - 1.0
     farthest = float(np.hypot(*np.maximum(np.abs(eye[:2]), np.abs(eye[:2] - last))))
-    if not eye[2] - top > farthest * steepest:
-        _march_to(height, eye, top, steepest, behind)
+    if not eye[2] - relief.top > farthest * relief.steepest:
+        _march_to(height, eye, relief.top, relief.steepest, behind)
     return behind
-
-
-def _top_and_steepest(height: FloatArray) -> tuple[float, float]:
-    """Return the highest height, and the slope, a grid step, from which on rays meet no ground.
-
-    −∞ without any height. Across gaps ground may rise by anything: the slope is infinite.
-    """
-    known = np.isfinite(height)
-    if known.all():
-        return float(height.max()), _STEEPER * _steepest(height)
-    return float(np.max(height, where=known, initial=-np.inf)), np.inf
 
 
 @compiled

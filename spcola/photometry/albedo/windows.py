@@ -119,9 +119,9 @@ def windows_of(grid: MapletGrid) -> tuple[Window, ...]:
 class _FixedWindow(ImageWindow):
     """An image over ground that does not change: `open_seen` and `open_lit` have all shadows."""
 
-    def seen_and_lit(self, height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
+    def seen_and_lit(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
         """Return the shares of cells as they were found over the whole grid."""
-        del height, gsd
+        del surface
         return self.open_seen, self.open_lit
 
 

@@ -252,22 +252,26 @@ def _multiply(diagonals: FloatArray, columns: int, x: FloatArray, out: FloatArra
 def _multiply_rows(rows: AnyArray, x: FloatArray, out: FloatArray) -> None:
     """Fill `out` (P,) with the products of rows (P, N), of either precision, with x (N,).
 
-    NumPy would convert all rows to the precision of x, each time.
+    NumPy would convert all rows to the precision of x, each time. Two rows at once read it once.
     """
-    for p in range(out.size):
-        row, total = rows[p], 0.0
+    for first in range(0, out.size, 2):
+        second = min(first + 1, out.size - 1)
+        one, other, total, another = rows[first], rows[second], 0.0, 0.0
         for k in range(x.size):
-            total += row[k] * x[k]
-        out[p] = total
+            total += one[k] * x[k]
+            another += other[k] * x[k]
+        out[first], out[second] = total, another
 
 
 @compiled
 def _subtract_rows(factors: FloatArray, rows: AnyArray, out: FloatArray) -> None:
     """Subtract from `out` (N,) rows (P, N), of either precision, each times its factor."""
-    for p in range(factors.size):
-        row, factor = rows[p], factors[p]
+    for first in range(0, factors.size, 2):
+        second = min(first + 1, factors.size - 1)
+        one, other, factor = rows[first], rows[second], factors[first]
+        another = factors[second] if second > first else 0.0
         for k in range(out.size):
-            out[k] -= factor * row[k]
+            out[k] -= factor * one[k] + another * other[k]
 
 
 @compiled

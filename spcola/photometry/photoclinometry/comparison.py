@@ -114,7 +114,7 @@ def _compared(
     sample, line = (np.floor(w).astype(np.intp) for w in (u, v))
     height, width = window.pixels.shape
     inside = (sample >= 0) & (sample < width) & (line >= 0) & (line < height)
-    seen, _ = window.seen_and_lit(surface.height, surface.gsd)
+    seen, _ = window.seen_and_lit(surface)
     shown = inside & known & (at_cells(np.pad(seen, 1, mode="edge")) > _SEEN)
     place = np.where(inside, line, 0), np.where(inside, sample, 0)
     observed, expected = window.pixels[place], scale * compared.expected[place]

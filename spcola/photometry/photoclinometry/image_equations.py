@@ -112,9 +112,9 @@ def _ground_in(
     options: PhotoclinometryOptions,
     sun: FloatArray | None = None,
 ) -> _Ground:
-    seen, lit = window.seen_and_lit(surface.height, surface.gsd)
+    seen, lit = window.seen_and_lit(surface)
     if sun is not None:
-        lit = window.lit(surface.height, surface.gsd, sun)
+        lit = window.lit(surface, sun)
     boxes, shades = np.empty((5, *seen.shape)), np.empty((3, *seen.shape))
     u, v = window.places(surface.height, state.shift)
     # Twelve variances of the point spread, blocks².
@@ -242,16 +242,16 @@ def add_image(
     found = scaled(pixels, expected, state, options)
     state = found if rescale else state
     weighted = np.empty((*window.pixels.shape, 5))
-    dark = options.least_brightness * float(expected.mean())
+    mean = float(expected.mean())
     weigh_pixels(
         window.pixels, used, (compared.expected, compared.area, compared.edge),
-        (state.scale, state.spread, dark, options.loss_scale, window.block), weighted,
+        (state.scale, state.spread, options.least_brightness * mean, options.loss_scale,
+         window.block), weighted,
     )  # fmt: skip
     if cells is not None:
         ground.boxes[-1] *= cells
     bright = state.scale * ground.lit, surface.albedo, ground.shades
     lift = window.lift if options.stereo else np.zeros_like(window.lift)
     into = sums.own, sums.factors[number], sums.nuisance[number]
-    level = state.scale * float(expected.mean())
-    gather_cells(ground.boxes, lift, weighted, bright, level, into)
+    gather_cells(ground.boxes, lift, weighted, bright, state.scale * mean, into)
     return replace(state, spread=found.spread)

@@ -14,7 +14,7 @@ from spcola.compilation import compiled
 from spcola.grids import MapletGrid
 from spcola.photometry.ground import Ground, at_cells
 from spcola.photometry.ortho_image import stop_at_other_ground
-from spcola.photometry.photoclinometry.surface import resampled_points
+from spcola.photometry.photoclinometry.surface import Surface, resampled_points
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
 
@@ -183,28 +183,39 @@ class ImageWindow:
 
         `shift` (2,) is in pixels.
         """
-        rise = height - self.height
-        return (
-            self.u + (self.up_u * rise + shift[0]) / self.block,
-            self.v + (self.up_v * rise + shift[1]) / self.block,
-        )
+        u, v = np.empty((2, *height.shape))
+        rise, block = height - self.height, float(self.block)
+        _move(self.u, self.up_u, rise, float(shift[0]), block, u)
+        _move(self.v, self.up_v, rise, float(shift[1]), block, v)
+        return u, v
 
     @cached_property
     def lift(self) -> FloatArray:
         """Derivatives of sample and line (2, R − 1, C − 1) of cells by height, pixels a metre."""
         return np.stack([at_cells(self.up_u), at_cells(self.up_v)])
 
-    def seen_and_lit(self, height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
+    def seen_and_lit(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
         """Return the shares (R − 1, C − 1) of each cell that the camera sees, and that are lit."""
         seen = np.empty(self.open_seen.shape)
-        _uncover(self.open_seen, hidden(height, self.camera), seen)
-        return seen, self.lit(height, gsd, self.sun)
+        _uncover(self.open_seen, hidden(surface.height, self.camera, surface.relief), seen)
+        return seen, self.lit(surface, self.sun)
 
-    def lit(self, height: FloatArray, gsd: float, sun: FloatArray) -> FloatArray:
+    def lit(self, surface: Surface, sun: FloatArray) -> FloatArray:
         """Return the share (R − 1, C − 1) of each cell that a Sun lights."""
         lit = np.empty(self.open_lit.shape)
-        _uncover(self.open_lit, cast_shadow(height, sun * [1.0, 1.0, gsd]), lit)
+        step = sun * [1.0, 1.0, surface.gsd]
+        _uncover(self.open_lit, cast_shadow(surface.height, step, surface.relief), lit)
         return lit
+
+
+@compiled
+def _move(
+    at: FloatArray, up: FloatArray, rise: FloatArray, shift: float, block: float, out: FloatArray
+) -> None:
+    """Fill `out` (R, C) with places `at`, in blocks, changed by a rise and a shift in pixels."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = at[i, j] + (up[i, j] * rise[i, j] + shift) / block
 
 
 @compiled
