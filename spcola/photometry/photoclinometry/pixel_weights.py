@@ -25,13 +25,11 @@ def expect_pixels(sums: FloatArray, usable: BoolArray, least: float, used: BoolA
     """
     for y in range(used.shape[0]):
         for x in range(used.shape[1]):
-            area = sums[0, y, x]
-            if area >= least:
-                sums[1, y, x] /= area
-                sums[2, y, x] /= area
-                used[y, x] = usable[y, x] and sums[1, y, x] > 0.0
-            else:
-                sums[1, y, x] = sums[2, y, x] = np.nan
+            # Without branches the loop is vectorised.
+            area = sums[0, y, x] if sums[0, y, x] >= least else np.nan
+            sums[1, y, x] /= area
+            sums[2, y, x] /= area
+            used[y, x] = usable[y, x] & (sums[1, y, x] > 0.0)
 
 
 @compiled
