@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
-from spcola.math.robust import mad
+from spcola.math.robust import MAD_TO_SIGMA
 from spcola.photometry.photoclinometry.cell_pixels import (
     EQUATIONS,
     FACTORS,
@@ -24,6 +24,7 @@ from spcola.photometry.photoclinometry.pixel_weights import (
     expect_pixels,
     find_inner,
     fit_scale,
+    median_deviation,
     weigh_pixels,
 )
 from spcola.photometry.photoclinometry.surface import Surface
@@ -170,7 +171,7 @@ def scaled(
         scale, spread = float(np.median(some)), 1.0
     for _ in range(_SCALE_ROUNDS if new else 1):
         scale = fit_scale(pixels, expected, scale, scale * spread * options.loss_scale)
-        spread = max(float(mad(some) / abs(scale)), options.least_error)
+        spread = max(MAD_TO_SIGMA * median_deviation(some) / abs(scale), options.least_error)
     return replace(state, scale=scale, spread=spread)
 
 

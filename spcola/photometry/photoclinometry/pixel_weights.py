@@ -63,6 +63,62 @@ def fit_scale(pixels: FloatArray, expected: FloatArray, scale: float, limit: flo
 
 
 @compiled
+def median_deviation(values: FloatArray) -> float:
+    """Return the median absolute deviation of N > 0 known numbers from their median.
+
+    As :func:`spcola.math.robust.mad`, without its factor, in half of the time.
+    """
+    rest = values.copy()
+    middle = _median(rest)
+    for k in range(rest.size):
+        rest[k] = abs(values[k] - middle)
+    return _median(rest)
+
+
+@compiled
+def _median(values: FloatArray) -> float:
+    """Return the median of N > 0 known numbers, which are rearranged."""
+    half = values.size // 2
+    above = _select(values, half)
+    if values.size % 2:
+        return above
+    below = values[0]
+    for k in range(1, half):
+        below = max(below, values[k])
+    return 0.5 * (below + above)
+
+
+@compiled
+def _select(values: FloatArray, rank: int) -> float:
+    """Return the number of a rank, from 0; smaller ones are moved before it (Hoare 1961).
+
+    Numbers are swapped whether they are smaller or not: a branch that cannot be predicted takes
+    longer.
+    """
+    first, after = 0, values.size
+    while True:
+        a, b, c = values[first], values[(first + after) // 2], values[after - 1]
+        pivot = max(min(a, b), min(max(a, b), c))
+        smaller = first
+        for k in range(first, after):
+            value = values[k]
+            values[k], values[smaller] = values[smaller], value
+            smaller += value < pivot
+        if rank < smaller:
+            after = smaller
+            continue
+        equal = smaller
+        for k in range(smaller, after):
+            value = values[k]
+            values[k], values[equal] = values[equal], value
+            # None of these is smaller; so it ends where some are NaN, too.
+            equal += not value > pivot
+        if rank < equal:
+            return pivot
+        first = equal
+
+
+@compiled
 def weigh_pixels(
     pixels: FloatArray,
     used: BoolArray,
