@@ -168,7 +168,7 @@ class CellSurface:
         found = []
         for first in range(0, size, width):
             last, end = min(first + width, size), min(first + 2 * width, size)
-            # A row more than the width of the matrix shifts each row to the right by one.
+            # Rows of 2 W + 1 numbers, read as rows of 2 W, lie one further to the right each.
             whole = np.zeros((width, 2 * width + 1))
             whole[: last - first, : width + 1] = self._factor[first:last, : width + 1]
             rows = whole.reshape(-1)[: 2 * width * width].reshape(width, 2 * width)
