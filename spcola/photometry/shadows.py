@@ -2,13 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
 
+# Rays that rise faster than the steepest ground, by more than rounding, never meet it.
+_STEEPER = 1.0 + 1e-6
 
-def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
+
+@dataclass(frozen=True)
+class Relief:
+    """What limits how far rays over heights have to be followed.
+
+    Attributes
+    ----------
+    top : float
+        Highest height; −∞ without any.
+    steepest : float
+        Slope, a grid step, from which on rays meet no ground. Infinite with gaps: across them
+        ground may rise by anything.
+    """
+
+    top: float
+    steepest: float
+
+    @classmethod
+    def of(cls, height: FloatArray) -> Relief:
+        """Return that of heights (R, C); NaN where unknown."""
+        known = np.isfinite(height)
+        if known.all():
+            return cls(float(height.max()), _STEEPER * _steepest(height))
+        return cls(float(np.max(height, where=known, initial=-np.inf)), np.inf)
+
+
+def cast_shadow(height: FloatArray, sun: FloatArray, relief: Relief | None = None) -> BoolArray:
     """Return which points of a grid lie in the shadow of others.
 
     Parameters
@@ -18,6 +48,8 @@ def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
     sun : (3,) ndarray
         Direction of the Sun along columns, rows and up, in grid steps and the unit of `height`:
         for a unit vector s in maplet axes and heights in metres, (s_x, s_y, gsd · s_z).
+    relief : Relief, optional
+        Of the heights, if it is there.
 
     Returns
     -------
@@ -28,14 +60,13 @@ def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
         return np.isfinite(height)
     dark = np.zeros(height.shape, dtype=np.bool_)
     run = float(np.hypot(sun[0], sun[1]))
-    if run == 0.0 or not np.isfinite(height).any():
-        return dark
-    step = np.array([sun[0], sun[1], sun[2]]) / run
-    _march(height, step[0], step[1], step[2], float(np.nanmax(height)), dark)
+    relief = relief or Relief.of(height)
+    if run > 0.0 and not sun[2] > run * relief.steepest:
+        _march(height, sun[0] / run, sun[1] / run, sun[2] / run, relief.top, dark)
     return dark
 
 
-def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
+def hidden(height: FloatArray, eye: FloatArray, relief: Relief | None = None) -> BoolArray:
     """Return which points of a grid others hide from an eye at a finite distance.
 
     Parameters
@@ -45,6 +76,8 @@ def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
     eye : (3,) ndarray
         Its position: along columns and rows in grid steps from the grid's first point, and up, in
         the unit of `height`.
+    relief : Relief, optional
+        Of the heights, if it is there.
 
     Returns
     -------
@@ -52,9 +85,29 @@ def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
         Unknown points are never hidden.
     """
     behind = np.zeros(height.shape, dtype=np.bool_)
-    if np.isfinite(height).any():
-        _march_to(height, eye[0], eye[1], eye[2], float(np.nanmax(height)), behind)
+    relief = relief or Relief.of(height)
+    last = np.array(height.shape[::-1]) - 1.0
+    farthest = float(np.hypot(*np.maximum(np.abs(eye[:2]), np.abs(eye[:2] - last))))
+    if not eye[2] - relief.top > farthest * relief.steepest:
+        _march_to(height, eye, relief.top, relief.steepest, behind)
     return behind
+
+
+@compiled
+def _steepest(height: FloatArray) -> float:
+    """Return the largest slope of bilinear heights, all known, a grid step.
+
+    Along columns and along rows a cell's slope is at most that of the steeper of its edges.
+    """
+    # A maximum for each column, rather than one, is vectorised.
+    squares = np.zeros(height.shape[1])
+    for i in range(height.shape[0] - 1):
+        here, below = height[i], height[i + 1]
+        for j in range(height.shape[1] - 1):
+            across = max(abs(here[j + 1] - here[j]), abs(below[j + 1] - below[j]))
+            down = max(abs(below[j] - here[j]), abs(below[j + 1] - here[j + 1]))
+            squares[j] = max(squares[j], across * across + down * down)
+    return float(np.sqrt(squares.max()))
 
 
 @compiled
@@ -69,17 +122,16 @@ def _march(
 
 @compiled
 def _march_to(
-    height: FloatArray, x: float, y: float, up: float, top: float, behind: BoolArray
+    height: FloatArray, eye: FloatArray, top: float, steepest: float, behind: BoolArray
 ) -> None:
     """Follow the ray from each point to an eye; points straight below it are never hidden."""
     for row in range(height.shape[0]):
         for column in range(height.shape[1]):
-            across, along = x - column, y - row
-            run = np.hypot(across, along)
-            if run > 1.0 and height[row, column] < np.inf:
-                rise = (up - height[row, column]) / run
-                behind[row, column] = rise <= 0.0 or _met(
-                    height, row, column, across / run, along / run, rise, top
+            across, along, up = eye[0] - column, eye[1] - row, eye[2] - height[row, column]
+            run = np.sqrt(across * across + along * along)
+            if run > 1.0 and up <= steepest * run:
+                behind[row, column] = up <= 0.0 or _met(
+                    height, row, column, across / run, along / run, up / run, top
                 )
 
 

@@ -14,7 +14,7 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.grids.gaps import bridged, bridged_mask
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.image_equations import ImageState
-from spcola.photometry.photoclinometry.image_window import ImageWindow, open_ground
+from spcola.photometry.photoclinometry.image_window import GridPoints, ImageWindow, open_ground
 from spcola.photometry.photoclinometry.surface import Surface, resampled_points
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
@@ -119,9 +119,9 @@ def windows_of(grid: MapletGrid) -> tuple[Window, ...]:
 class _FixedWindow(ImageWindow):
     """An image over ground that does not change: `open_seen` and `open_lit` have all shadows."""
 
-    def seen_and_lit(self, height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
+    def seen_and_lit(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
         """Return the shares of cells as they were found over the whole grid."""
-        del height, gsd
+        del surface
         return self.open_seen, self.open_lit
 
 
@@ -168,10 +168,11 @@ class FixedGround:
 
     def views(self, window: Window) -> list[tuple[int, ImageWindow]]:
         """Return number and window of each image that shows ground of a window."""
-        height, found = self.surface(window, np.ones(self.known.shape)).height, []
+        surface, found = self.surface(window, np.ones(self.known.shape)), []
+        ground = GridPoints.of(surface.grid, surface.height)
         for k, image in enumerate(self.images):
             seen, lit = (layer[k][window.cells] / _WHOLE for layer in (self.seen, self.lit))
-            if seen.any() and (view := _FixedWindow.of(image, window.grid, height, (seen, lit))):
+            if seen.any() and (view := _FixedWindow.of(image, ground, (seen, lit))):
                 found.append((k, view))
         return found
 

@@ -3,7 +3,8 @@
 ``shade(code, parameters, cos_incidence, cos_emission, phase)`` is the whole function. It is
 ``shade_at(code, phase_terms(code, parameters, phase), cos_incidence, cos_emission)``: a kernel that
 takes the phase angle of an image as constant over a maplet computes the terms once and calls
-`shade_at` for each point. Neither allocates. `parameters` are eight float64 numbers
+`shade_at` for each point. Neither allocates; both are compiled into the kernel, as handing on so
+many numbers would take longer than most formulas. `parameters` are eight float64 numbers
 (:attr:`spcola.photometry.functions.PhotometricFunction.packed`); complex ones give the derivatives
 by parameters (complex step).
 """
@@ -15,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, IntArray
-from spcola.compilation import compiled
+from spcola.compilation import compiled, compiled_inline
 from spcola.photometry.functions.disks import (
     Shade,
     Terms,
@@ -54,7 +55,7 @@ _LEAST_TILT = 1e-6
 _STEP = 1e-30
 
 
-@compiled
+@compiled_inline
 def phase_terms(  # noqa: PLR0911  a choice
     code: int, parameters: AnyArray, phase: float
 ) -> Terms:
@@ -147,7 +148,7 @@ def _hapke_terms(p: AnyArray, phase: float) -> Terms:
     )  # fmt: skip
 
 
-@compiled
+@compiled_inline
 def shade_at(  # noqa: PLR0911  a choice
     code: int, terms: Terms, cos_incidence: float, cos_emission: float
 ) -> Shade:

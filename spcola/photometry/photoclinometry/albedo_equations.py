@@ -8,7 +8,7 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray
 from spcola.compilation import compiled
-from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS
+from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS, cell_offset
 from spcola.photometry.photoclinometry.image_equations import Sums
 
 
@@ -94,21 +94,19 @@ def eliminate_albedo(
 @compiled
 def _albedo_rows(factors: AnyArray, root: FloatArray, rows: FloatArray) -> None:
     """Fill `rows` (P, R − 1, C − 1) from factors of K images, see :class:`AlbedoEquations`."""
-    parameters = rows.shape[0] // factors.shape[0]
+    parameters = rows.shape[0] // max(factors.shape[0], 1)
     for k in range(factors.shape[0]):
+        own, into = factors[k], rows[parameters * k : parameters * (k + 1)]
         for i in range(root.shape[0]):
-            along_y = (2.0 * i + 1.0) / root.shape[0] - 1.0
+            along_y = cell_offset(i, root.shape[0])
             for j in range(root.shape[1]):
-                by_albedo = factors[k, i, j, UNKNOWNS - 1] / root[i, j]
-                bright = by_albedo * factors[k, i, j, UNKNOWNS]
-                place = parameters * k
-                rows[place, i, j] = bright
-                rows[place + 1, i, j] = bright * ((2.0 * j + 1.0) / root.shape[1] - 1.0)
-                rows[place + 2, i, j] = bright * along_y
-                rows[place + 3, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 1]
-                rows[place + 4, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 2]
-                if parameters > NUISANCES:
-                    rows[place + 5, i, j] = by_albedo * factors[k, i, j, UNKNOWNS + 3]
+                by_albedo = own[UNKNOWNS - 1, i, j] / root[i, j]
+                bright = by_albedo * own[UNKNOWNS, i, j]
+                into[0, i, j] = bright
+                into[1, i, j] = bright * cell_offset(j, root.shape[1])
+                into[2, i, j] = bright * along_y
+                for a in range(3, parameters):
+                    into[a, i, j] = by_albedo * own[UNKNOWNS + a - 2, i, j]
 
 
 def with_priors(

@@ -10,12 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray
-from spcola.compilation import compiled, compiled_inline
-from spcola.photometry.functions import shade
+from spcola.compilation import compiled, compiled_inline, compiled_sums
+from spcola.photometry.functions import phase_terms, shade_at
 
-Places = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""Sample and line (R, C) of the points of a grid in a window, pixel k of which reaches from k to
-k + 1, and the derivatives of sample and line in the image by height, pixels a metre."""
 # Places of the unknowns of a cell: slopes ∂h/∂x and ∂h/∂y, mean height (m), relative albedo.
 UNKNOWNS = 4
 # Nuisance parameters of an image: logarithm of its scale λ, changes of it along the grid's x and y
@@ -24,87 +21,29 @@ NUISANCES = 5
 # With brightness added to the whole image, relative to its mean: errors of contrast. It is not
 # estimated, and counts in sigmas.
 WITH_CONTRAST = 6
-# Numbers of a cell in one image: see :func:`gather_cells`.
+# Numbers of a cell in one image: derivatives by the unknowns, and by those nuisance parameters
+# from which the others follow. See :func:`gather_cells`.
 FACTORS = UNKNOWNS + 4
+_IN_FACTORS = (0, 1, 2, 3, 4, 7, 8, 9)
+# Sums of a cell over its pixels, and numbers of the normal equations of its unknowns.
+_TOTALS, EQUATIONS = 5, 14
 # Smallest extent of a cell in the image, pixels: its centre lies in one pixel then.
 _LEAST_EXTENT = 1e-6
 
 
-@compiled_inline
-def _overlap(first: float, last: float, pixel: int) -> float:
-    """Length of first … last in pixel … pixel + 1."""
-    return max(min(last, pixel + 1.0) - max(first, float(pixel)), 0.0)
-
-
-@compiled_inline
-def _box(
-    u: FloatArray, v: FloatArray, i: int, j: int, blur: float
-) -> tuple[float, float, float, float, float]:
-    """Return the first and last place of a cell's rectangle along samples, lines, and its area.
-
-    The area, that of its footprint in pixels, is negative where the cell is folded over.
-    """
-    ax = 0.5 * (u[i, j + 1] - u[i, j] + u[i + 1, j + 1] - u[i + 1, j])
-    ay = 0.5 * (v[i, j + 1] - v[i, j] + v[i + 1, j + 1] - v[i + 1, j])
-    bx = 0.5 * (u[i + 1, j] - u[i, j] + u[i + 1, j + 1] - u[i, j + 1])
-    by = 0.5 * (v[i + 1, j] - v[i, j] + v[i + 1, j + 1] - v[i, j + 1])
-    x = 0.25 * (u[i, j] + u[i, j + 1] + u[i + 1, j] + u[i + 1, j + 1])
-    y = 0.25 * (v[i, j] + v[i, j + 1] + v[i + 1, j] + v[i + 1, j + 1])
-    half_x = 0.5 * max(np.sqrt(ax * ax + bx * bx + blur), _LEAST_EXTENT)
-    half_y = 0.5 * max(np.sqrt(ay * ay + by * by + blur), _LEAST_EXTENT)
-    return x - half_x, x + half_x, y - half_y, y + half_y, ax * by - ay * bx
-
-
 @compiled
-def shade_cells(
-    code: int,
-    packed: FloatArray,
-    slopes: FloatArray,
-    sun: FloatArray,
-    eye: FloatArray,
-    phase: FloatArray,
-    shades: FloatArray,
-) -> None:
-    """Fill `shades` (3, R − 1, C − 1): Φ and its derivatives by both slopes [17 – 19].
-
-    Parameters
-    ----------
-    code, packed : int, (8,) ndarray
-        Of a photometric function.
-    slopes : (2, R − 1, C − 1) ndarray
-    sun : (3,) ndarray
-        Unit vector along the grid's axes.
-    eye : (3, R − 1, C − 1) ndarray
-        Unit vectors to the camera, along the grid's axes.
-    phase : (R − 1, C − 1) ndarray
-        Radians.
-    """
-    for i in range(phase.shape[0]):
-        for j in range(phase.shape[1]):
-            x, y = slopes[0, i, j], slopes[1, i, j]
-            square = 1.0 + x * x + y * y
-            steep = 1.0 / np.sqrt(square)
-            ex, ey, ez = eye[0, i, j], eye[1, i, j], eye[2, i, j]
-            incidence = (sun[2] - x * sun[0] - y * sun[1]) * steep
-            emission = (ez - x * ex - y * ey) * steep
-            value, by_i, by_e = shade(code, packed, incidence, emission, phase[i, j])
-            turned = (by_i * incidence + by_e * emission) / square
-            shades[0, i, j] = value
-            shades[1, i, j] = -(by_i * sun[0] + by_e * ex) * steep - turned * x
-            shades[2, i, j] = -(by_i * sun[1] + by_e * ey) * steep - turned * y
-
-
-@compiled
-def spread_cells(
+def box_cells(
     u: FloatArray,
     v: FloatArray,
     facing: float,
     blur: float,
     seen: FloatArray,
-    layers: FloatArray,
-    sums: FloatArray,
+    boxes: FloatArray,
 ) -> None:
-    """Add to `sums` (1 + L, H, W) the area of cells in each pixel, and area times each layer.
+    """Fill `boxes` (5, R − 1, C − 1): the rectangle of each cell in the pixels.
+
+    First and last place along samples, those along lines, and the area of the cell's seen footprint
+    over that of the rectangle: 0 where nothing is seen, and where the cell is folded over.
 
     Parameters
     ----------
@@ -116,55 +55,139 @@ def spread_cells(
         Twelve times the variance of the point spread, pixels².
     seen : (R − 1, C − 1) ndarray
         Share of each cell that the camera sees.
-    layers : (L, R − 1, C − 1) ndarray
+    boxes : (5, R − 1, C − 1) ndarray
     """
-    height, width = sums.shape[1], sums.shape[2]
     for i in range(seen.shape[0]):
+        u0, u1, v0, v1 = u[i], u[i + 1], v[i], v[i + 1]
         for j in range(seen.shape[1]):
-            if not seen[i, j] > 0.0:
-                continue
-            left, right, top, bottom, area = _box(u, v, i, j, blur)
-            if not area * facing > 0.0:
-                continue
-            unit = area * facing * seen[i, j] / ((right - left) * (bottom - top))
-            for y in range(max(int(np.floor(top)), 0), min(int(np.ceil(bottom)), height)):
-                across = unit * _overlap(top, bottom, y)
-                for x in range(max(int(np.floor(left)), 0), min(int(np.ceil(right)), width)):
-                    part = across * _overlap(left, right, x)
-                    sums[0, y, x] += part
-                    for k in range(layers.shape[0]):
-                        sums[1 + k, y, x] += part * layers[k, i, j]
+            ax = 0.5 * (u0[j + 1] - u0[j] + u1[j + 1] - u1[j])
+            ay = 0.5 * (v0[j + 1] - v0[j] + v1[j + 1] - v1[j])
+            bx = 0.5 * (u1[j] - u0[j] + u1[j + 1] - u0[j + 1])
+            by = 0.5 * (v1[j] - v0[j] + v1[j + 1] - v0[j + 1])
+            x = 0.25 * (u0[j] + u0[j + 1] + u1[j] + u1[j + 1])
+            y = 0.25 * (v0[j] + v0[j + 1] + v1[j] + v1[j + 1])
+            width = max(np.sqrt(ax * ax + bx * bx + blur), _LEAST_EXTENT)
+            height = max(np.sqrt(ay * ay + by * by + blur), _LEAST_EXTENT)
+            area = max(facing * (ax * by - ay * bx), 0.0)
+            boxes[0, i, j] = x - 0.5 * width
+            boxes[1, i, j] = x + 0.5 * width
+            boxes[2, i, j] = y - 0.5 * height
+            boxes[3, i, j] = y + 0.5 * height
+            boxes[4, i, j] = area * seen[i, j] / (width * height)
 
 
 @compiled_inline
-def _over_pixels(
-    window: FloatArray, box: tuple[float, float, float, float], unit: float
-) -> tuple[float, float, float, float, float]:
-    """Return the sums of the five layers of a window (H, W, 5) over a cell's rectangle.
+def _box(boxes: FloatArray, i: int, j: int) -> tuple[float, float, float, float, float]:
+    return boxes[0, i, j], boxes[1, i, j], boxes[2, i, j], boxes[3, i, j], boxes[4, i, j]
 
-    `unit` is the area of the cell over that of the rectangle.
+
+@compiled_inline
+def _reach(first: float, last: float, size: int) -> tuple[int, int]:
+    """First of the pixels 0 … size − 1 that first … last reaches, and the one after the last."""
+    return max(int(np.floor(first)), 0), min(int(np.ceil(last)), size)
+
+
+@compiled_inline
+def _overlap(first: float, last: float, pixel: int) -> float:
+    """Length of first … last in pixel … pixel + 1."""
+    return max(min(last, pixel + 1.0) - max(first, float(pixel)), 0.0)
+
+
+@compiled_inline
+def cell_offset(cell: int, cells: int) -> float:
+    """Place of the middle of a cell from −1 to 1 along a side of the grid."""
+    return (2.0 * cell + 1.0) / cells - 1.0
+
+
+@compiled
+def shade_cells(
+    function: tuple[int, FloatArray],
+    slopes: FloatArray,
+    light: tuple[FloatArray, FloatArray, FloatArray],
+    eye: FloatArray,
+    gradient: FloatArray,
+    shades: FloatArray,
+) -> None:
+    """Add to `shades` (3, R − 1, C − 1) irradiance times Φ, and derivatives by slopes [17 – 19].
+
+    Parameters
+    ----------
+    function : int, (8,) ndarray
+        Code and packed parameters of a photometric function.
+    slopes : (2, R − 1, C − 1) ndarray
+    light : three ndarrays
+        (3,): unit vector to the source along the grid's axes; (R − 1, C − 1): phase, radians, and
+        irradiance, that of the Sun being 1; known everywhere.
+    eye : (3, R − 1, C − 1) ndarray
+        Unit vectors to the camera, along the grid's axes.
+    gradient : (2,) ndarray
+        Relative change of all three along the grid's x and y, from its centre to its edge.
+    shades : (3, R − 1, C − 1) ndarray
     """
-    first, last, top, bottom = box
-    weight, pull, mean, by_u, by_v = 0.0, 0.0, 0.0, 0.0, 0.0
-    left, right = max(int(np.floor(first)), 0), min(int(np.ceil(last)), window.shape[1])
-    for y in range(max(int(np.floor(top)), 0), min(int(np.ceil(bottom)), window.shape[0])):
-        across = unit * _overlap(top, bottom, y)
-        for x in range(left, right):
-            part = across * _overlap(first, last, x)
-            weight += part * window[y, x, 0]
-            pull += part * window[y, x, 1]
-            mean += part * window[y, x, 2]
-            by_u += part * window[y, x, 3]
-            by_v += part * window[y, x, 4]
-    return weight, pull, mean, by_u, by_v
+    sun, phase, irradiance = light
+    cells = phase.shape[1]
+    steep, incidence, emission = np.empty(cells), np.empty(cells), np.empty(cells)
+    value, by_i, by_e = np.empty(cells), np.empty(cells), np.empty(cells)
+    # Three short loops along a row: the first and the last are vectorised.
+    for i in range(phase.shape[0]):
+        level = 1.0 + gradient[1] * cell_offset(i, phase.shape[0])
+        for j in range(cells):
+            x, y = slopes[0, i, j], slopes[1, i, j]
+            steep[j] = 1.0 / np.sqrt(1.0 + x * x + y * y)
+            incidence[j] = (sun[2] - x * sun[0] - y * sun[1]) * steep[j]
+            emission[j] = (eye[2, i, j] - x * eye[0, i, j] - y * eye[1, i, j]) * steep[j]
+        for j in range(cells):
+            terms = phase_terms(function[0], function[1], phase[i, j])
+            value[j], by_i[j], by_e[j] = shade_at(function[0], terms, incidence[j], emission[j])
+        for j in range(cells):
+            gain = (level + gradient[0] * cell_offset(j, cells)) * irradiance[i, j]
+            turned = (by_i[j] * incidence[j] + by_e[j] * emission[j]) * steep[j]
+            by_x = by_i[j] * sun[0] + by_e[j] * eye[0, i, j] + turned * slopes[0, i, j]
+            by_y = by_i[j] * sun[1] + by_e[j] * eye[1, i, j] + turned * slopes[1, i, j]
+            shades[0, i, j] += gain * value[j]
+            shades[1, i, j] -= gain * steep[j] * by_x
+            shades[2, i, j] -= gain * steep[j] * by_y
+
+
+@compiled
+def spread_cells(
+    boxes: FloatArray, albedo: FloatArray, lit: FloatArray, shade: FloatArray, sums: FloatArray
+) -> None:
+    """Add to `sums` (3, H, W) the area of cells in each pixel, their light and half-lit area.
+
+    Parameters
+    ----------
+    boxes : (5, R − 1, C − 1) ndarray
+        From :func:`box_cells`.
+    albedo, lit, shade : (R − 1, C − 1) ndarrays
+        Relative albedo of each cell, its share that is lit, and Φ.
+    sums : (3, H, W) ndarray
+    """
+    for i in range(lit.shape[0]):
+        for j in range(lit.shape[1]):
+            left, right, top, bottom, unit = _box(boxes, i, j)
+            if not unit > 0.0:
+                continue
+            light, partly = albedo[i, j] * shade[i, j] * lit[i, j], 0.0 < lit[i, j] < 1.0
+            low, high = _reach(top, bottom, sums.shape[1])
+            first, after = _reach(left, right, sums.shape[2])
+            for y in range(low, high):
+                across = unit * _overlap(top, bottom, y)
+                for x in range(first, after):
+                    part = across * _overlap(left, right, x)
+                    sums[0, y, x] += part
+                    sums[1, y, x] += part * light
+                    if partly:
+                        sums[2, y, x] += part
 
 
 @compiled
 def gather_cells(
-    places: Places,
-    seeing: tuple[float, float, FloatArray, float],
+    boxes: FloatArray,
+    lift: FloatArray,
     window: FloatArray,
     bright: tuple[FloatArray, FloatArray, FloatArray],
+    level: float,
     sums: tuple[FloatArray, AnyArray, FloatArray],
 ) -> None:
     """Add the normal equations of one image, a term for each cell [20, 21].
@@ -176,10 +199,10 @@ def gather_cells(
 
     Parameters
     ----------
-    places : four (R, C) ndarrays
-        Sample and line of each point, and their derivatives by its height, pixels a metre.
-    seeing : facing, blur, seen, level
-        As in :func:`spread_cells`; mean expected brightness of the image.
+    boxes : (5, R − 1, C − 1) ndarray
+        From :func:`box_cells`.
+    lift : (2, R − 1, C − 1) ndarray
+        Derivatives of sample and line of each cell by its height, pixels a metre.
     window : (H, W, 5) ndarray
         Weight 1/σ² over the area of all cells in a pixel, and its products with the residual, the
         expected brightness, and the derivatives of that along samples and lines of the image. All
@@ -187,64 +210,128 @@ def gather_cells(
     bright : three ndarrays
         (R − 1, C − 1): brightness of a cell of albedo 1 and Φ = 1, and its albedo; (3, R − 1,
         C − 1): what :func:`shade_cells` gives.
+    level : float
+        Mean expected brightness of the image.
     sums : three ndarrays
         To the first and the last it is added; the second is filled.
-        (R − 1, C − 1, 14): upper triangle, row by row, of the normal matrix of (∂h/∂x, ∂h/∂y, h,
-        albedo), then its right-hand side. (R − 1, C − 1, 8): derivatives of the brightness by these
+        (14, R − 1, C − 1): upper triangle, row by row, of the normal matrix of (∂h/∂x, ∂h/∂y, h,
+        albedo), then its right-hand side. (8, R − 1, C − 1): derivatives of the brightness by these
         four unknowns, and by ln λ, the shifts along samples and lines and the added brightness,
         each times the root of the weight: the products of the two are those of the unknowns with
         the image's nuisance parameters. (6, 7): normal matrix of these, and in the last column its
         right-hand side, over all cells.
     """
-    u, v, up_u, up_v = places
-    facing, blur, seen, level = seeing
-    unit_bright, albedo, shades = bright
     own, factors, nuisance = sums
-    normal = np.zeros((WITH_CONTRAST, WITH_CONTRAST + 1))
-    for i in range(seen.shape[0]):
-        along_y = (2.0 * i + 1.0) / seen.shape[0] - 1.0
-        for j in range(seen.shape[1]):
-            factors[i, j] = 0.0
-            if not seen[i, j] > 0.0:
-                continue
-            first, last, top, bottom, area = _box(u, v, i, j, blur)
-            if not area * facing > 0.0:
-                continue
-            unit = area * facing * seen[i, j] / ((last - first) * (bottom - top))
-            weight, pull, mean, by_u, by_v = _over_pixels(window, (first, last, top, bottom), unit)
-            if not weight > 0.0:
-                continue
-            over, root = 1.0 / weight, np.sqrt(weight)
-            mean, by_u, by_v = mean * over, -by_u * over, -by_v * over
-            lift_u = 0.25 * (up_u[i, j] + up_u[i, j + 1] + up_u[i + 1, j] + up_u[i + 1, j + 1])
-            lift_v = 0.25 * (up_v[i, j] + up_v[i, j + 1] + up_v[i + 1, j] + up_v[i + 1, j + 1])
-            scale = unit_bright[i, j] * albedo[i, j]
-            row = (
-                scale * shades[1, i, j],
-                scale * shades[2, i, j],
-                by_u * lift_u + by_v * lift_v,
-                unit_bright[i, j] * shades[0, i, j],
-            )
-            place = 0
-            for a in range(UNKNOWNS):
-                factors[i, j, a] = root * row[a]
-                for b in range(a, UNKNOWNS):
-                    own[i, j, place] += weight * row[a] * row[b]
-                    place += 1
-            for a in range(UNKNOWNS):
-                own[i, j, place + a] += pull * row[a]
-            factors[i, j, UNKNOWNS] = root * mean
-            factors[i, j, UNKNOWNS + 1] = root * by_u
-            factors[i, j, UNKNOWNS + 2] = root * by_v
-            factors[i, j, UNKNOWNS + 3] = root * level
-            along_x = (2.0 * j + 1.0) / seen.shape[1] - 1.0
-            extra = (mean, mean * along_x, mean * along_y, by_u, by_v, level)
-            for a in range(WITH_CONTRAST):
-                weighted = weight * extra[a]
-                for b in range(a, WITH_CONTRAST):
-                    normal[a, b] += weighted * extra[b]
-                normal[a, WITH_CONTRAST] += pull * extra[a]
+    upper = np.zeros((WITH_CONTRAST, WITH_CONTRAST + 1))
+    totals = np.empty((_TOTALS, own.shape[2]))
+    rows = np.empty((UNKNOWNS + WITH_CONTRAST, own.shape[2]))
+    for i in range(own.shape[1]):
+        _over_pixels(boxes, i, window, totals)
+        _derive(totals, lift, bright, i, rows)
+        rows[-1] = level
+        _add_unknowns(totals, rows, i, own)
+        _add_nuisances(totals, rows, upper)
+        _fill_factors(totals, rows, i, factors)
     for a in range(WITH_CONTRAST):
-        nuisance[a, WITH_CONTRAST] += normal[a, WITH_CONTRAST]
+        nuisance[a, WITH_CONTRAST] += upper[a, WITH_CONTRAST]
         for b in range(WITH_CONTRAST):
-            nuisance[a, b] += normal[min(a, b), max(a, b)]
+            nuisance[a, b] += upper[min(a, b), max(a, b)]
+
+
+@compiled
+def _over_pixels(boxes: FloatArray, i: int, window: FloatArray, totals: FloatArray) -> None:
+    """Fill `totals` (5, C − 1): sums of the layers of a window over the rectangles of row `i`."""
+    for j in range(totals.shape[1]):
+        left, right, top, bottom, unit = _box(boxes, i, j)
+        weight, pull, mean, by_u, by_v = 0.0, 0.0, 0.0, 0.0, 0.0
+        if unit > 0.0:
+            low, high = _reach(top, bottom, window.shape[0])
+            first, after = _reach(left, right, window.shape[1])
+            for y in range(low, high):
+                across = unit * _overlap(top, bottom, y)
+                for x in range(first, after):
+                    part = across * _overlap(left, right, x)
+                    weight += part * window[y, x, 0]
+                    pull += part * window[y, x, 1]
+                    mean += part * window[y, x, 2]
+                    by_u += part * window[y, x, 3]
+                    by_v += part * window[y, x, 4]
+        totals[0, j], totals[1, j], totals[2, j] = weight, pull, mean
+        totals[3, j], totals[4, j] = by_u, by_v
+
+
+@compiled
+def _derive(
+    totals: FloatArray,
+    lift: FloatArray,
+    bright: tuple[FloatArray, FloatArray, FloatArray],
+    i: int,
+    rows: FloatArray,
+) -> None:
+    """Fill `rows` (10, C − 1): derivatives of the brightness of the cells of row `i`.
+
+    By their four unknowns and all nuisance parameters but the last.
+    """
+    unit_bright, albedo, shades = bright
+    count, cells = albedo.shape
+    along_y = cell_offset(i, count)
+    for j in range(cells):
+        over = 1.0 / totals[0, j] if totals[0, j] > 0.0 else 0.0
+        mean, by_u, by_v = totals[2, j] * over, -totals[3, j] * over, -totals[4, j] * over
+        scale = unit_bright[i, j] * albedo[i, j]
+        rows[0, j] = scale * shades[1, i, j]
+        rows[1, j] = scale * shades[2, i, j]
+        rows[2, j] = by_u * lift[0, i, j] + by_v * lift[1, i, j]
+        rows[3, j] = unit_bright[i, j] * shades[0, i, j]
+        rows[4, j] = mean
+        rows[5, j] = mean * cell_offset(j, cells)
+        rows[6, j] = mean * along_y
+        rows[7, j] = by_u
+        rows[8, j] = by_v
+
+
+@compiled
+def _add_unknowns(totals: FloatArray, rows: FloatArray, i: int, own: FloatArray) -> None:
+    """Add the normal equations of the unknowns of the cells of row `i`.
+
+    Each loop takes few arrays, so that it is vectorised.
+    """
+    cells, place = own.shape[2], 0
+    weighted = np.empty(cells)
+    for a in range(UNKNOWNS):
+        for j in range(cells):
+            weighted[j] = totals[0, j] * rows[a, j]
+            own[EQUATIONS - UNKNOWNS + a, i, j] += totals[1, j] * rows[a, j]
+        for b in range(a, UNKNOWNS):
+            for j in range(cells):
+                own[place, i, j] += weighted[j] * rows[b, j]
+            place += 1
+
+
+@compiled_sums
+def _add_nuisances(totals: FloatArray, rows: FloatArray, upper: FloatArray) -> None:
+    """Add the normal equations of the nuisance parameters, summed over a row of cells."""
+    cells = rows.shape[1]
+    weighted = np.empty(cells)
+    for a in range(WITH_CONTRAST):
+        pull = 0.0
+        for j in range(cells):
+            weighted[j] = totals[0, j] * rows[UNKNOWNS + a, j]
+            pull += totals[1, j] * rows[UNKNOWNS + a, j]
+        upper[a, WITH_CONTRAST] += pull
+        for b in range(a, WITH_CONTRAST):
+            product = 0.0
+            for j in range(cells):
+                product += weighted[j] * rows[UNKNOWNS + b, j]
+            upper[a, b] += product
+
+
+@compiled
+def _fill_factors(totals: FloatArray, rows: FloatArray, i: int, factors: AnyArray) -> None:
+    """Fill the factors of the cells of row `i`."""
+    cells = rows.shape[1]
+    root = np.sqrt(totals[0])
+    for k in range(FACTORS):
+        row = _IN_FACTORS[k]
+        for j in range(cells):
+            factors[k, i, j] = root[j] * rows[row, j]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline, compiled_sums
 from spcola.heights import inverse_diagonal
 
@@ -22,8 +22,6 @@ _MOST_ITERATIONS = 40
 # Columns of a factor that are subtracted from the following ones at once: memory, not arithmetic,
 # limits the factorisation.
 _COLUMNS = 4
-# Right-hand sides that are solved at once: those of a band of rows stay in the nearest memory.
-_RIGHT_SIDES = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +103,13 @@ class CellSurface:
         `tolerance` is the norm of what is left of the residual in that of the matrix's inverse,
         relative to the right-hand side's.
         """
-        right = self._right.ravel()
+        right = self._right.ravel().copy()
         if self._nuisance is not None:
-            right = right - cho_solve(self._nuisance, self._nuisance_right) @ self._coupled
+            _subtract_rows(cho_solve(self._nuisance, self._nuisance_right), self._coupled, right)
         x = self._conjugate(right, tolerance)
         if self._nuisance is None:
             return x.reshape(self._shape), np.zeros(0)
-        left = self._nuisance_right - self._coupled @ x
+        left = self._nuisance_right - self._with_nuisances(x)
         return x.reshape(self._shape), cho_solve(self._nuisance, left)
 
     def _conjugate(self, right: FloatArray, tolerance: float) -> FloatArray:
@@ -134,26 +132,56 @@ class CellSurface:
             product = following
         return x
 
+    def _with_nuisances(self, x: FloatArray) -> FloatArray:
+        """Return the products (P,) of the nuisance parameters with heights."""
+        products = np.empty(len(self._coupled))
+        _multiply_rows(self._coupled, x, products)
+        return products
+
     def _direct(self, right: FloatArray) -> FloatArray:
         solved = right.copy()
         _substitute(self._factor, solved)
         return solved
 
     def _direct_of_nuisances(self) -> FloatArray:
-        """Return the solutions (P, points) for the products with the nuisance parameters."""
-        solved = np.empty(self._coupled.shape)
-        for first in range(0, len(solved), _RIGHT_SIDES):
-            some = slice(first, first + _RIGHT_SIDES)
-            columns = np.array(self._coupled[some].T, dtype=np.float64, order="C")
-            _substitute_all(self._factor, columns)
-            solved[some] = columns.T
+        """Return the solutions (points, P) for the products with the nuisance parameters.
+
+        With so many right-hand sides, products of full matrices are faster than substitution
+        column by column.
+        """
+        solved = np.array(self._coupled.T, dtype=np.float64, order="C")
+        blocks = self._blocks()
+        for own, after, upper, right in blocks:
+            solved[own] = solve_triangular(upper, solved[own], trans="T", check_finite=False)
+            solved[after] -= right.T @ solved[own]
+        for own, after, upper, right in reversed(blocks):
+            left = solved[own] - right @ solved[after]
+            solved[own] = solve_triangular(upper, left, check_finite=False)
         return solved
+
+    def _blocks(self) -> list[tuple[slice, slice, FloatArray, FloatArray]]:
+        """Return the factor, transposed, in blocks of rows as high as the band is wide.
+
+        Of each the rows, those of the next, and the matrices on the diagonal and right of it.
+        """
+        size, width = len(self._factor), self._shape[1] + 1
+        found = []
+        for first in range(0, size, width):
+            last, end = min(first + width, size), min(first + 2 * width, size)
+            # Rows of 2 W + 1 numbers, read as rows of 2 W, lie one further to the right each.
+            whole = np.zeros((width, 2 * width + 1))
+            whole[: last - first, : width + 1] = self._factor[first:last, : width + 1]
+            rows = whole.reshape(-1)[: 2 * width * width].reshape(width, 2 * width)
+            rows = rows[: last - first, : end - first]
+            upper, right = rows[:, : last - first], rows[:, last - first :]
+            found.append((slice(first, last), slice(last, end), upper, right))
+        return found
 
     def _times(self, x: FloatArray) -> FloatArray:
         out = np.empty(x.size)
         _multiply(self._diagonals.reshape(5, -1), self._shape[1], x, out)
         if self._nuisance is not None:
-            out -= cho_solve(self._nuisance, self._coupled @ x) @ self._coupled
+            _subtract_rows(cho_solve(self._nuisance, self._with_nuisances(x)), self._coupled, out)
         return out
 
     def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
@@ -171,15 +199,15 @@ class CellSurface:
         if not len(self._coupled):
             return own.reshape(self._shape)
         solved = self._direct_of_nuisances()
-        left = self._nuisance_normal - self._coupled @ solved.T
+        left = self._nuisance_normal - self._coupled @ solved
         left = 0.5 * (left + left.T)
         fixed = np.zeros(len(left), dtype=np.bool_) if considered is None else considered
         free = ~fixed
         root = np.linalg.cholesky(left[np.ix_(free, free)])
-        by_free = solve_triangular(root, solved[free], lower=True)
+        by_free = solve_triangular(root, solved[:, free].T, lower=True, check_finite=False)
         own = own + np.sum(by_free**2, axis=0)
         common = solve_triangular(root, left[np.ix_(free, fixed)], lower=True)
-        response = solved[fixed] - common.T @ by_free
+        response = solved[:, fixed].T - common.T @ by_free
         return (own + sigma**2 * np.sum(response**2, axis=0)).reshape(self._shape)
 
 
@@ -240,6 +268,32 @@ def _multiply(diagonals: FloatArray, columns: int, x: FloatArray, out: FloatArra
         for k in range(size - apart):
             out[k] += diagonals[d, k] * x[k + apart]
             out[k + apart] += diagonals[d, k] * x[k]
+
+
+@compiled_sums
+def _multiply_rows(rows: AnyArray, x: FloatArray, out: FloatArray) -> None:
+    """Fill `out` (P,) with the products of rows (P, N), of either precision, with x (N,).
+
+    NumPy would convert all rows to the precision of x, each time. Two rows at once read it once.
+    """
+    for first in range(0, out.size, 2):
+        second = min(first + 1, out.size - 1)
+        one, other, total, another = rows[first], rows[second], 0.0, 0.0
+        for k in range(x.size):
+            total += one[k] * x[k]
+            another += other[k] * x[k]
+        out[first], out[second] = total, another
+
+
+@compiled
+def _subtract_rows(factors: FloatArray, rows: AnyArray, out: FloatArray) -> None:
+    """Subtract from `out` (N,) rows (P, N), of either precision, each times its factor."""
+    for first in range(0, factors.size, 2):
+        second = min(first + 1, factors.size - 1)
+        one, other, factor = rows[first], rows[second], factors[first]
+        another = factors[second] if second > first else 0.0
+        for k in range(out.size):
+            out[k] -= factor * one[k] + another * other[k]
 
 
 @compiled
@@ -308,25 +362,3 @@ def _substitute(factor: FloatArray, x: FloatArray) -> None:
         for k in range(most):
             total += own[k] * after[k]
         x[j] = (x[j] - total) / factor[j, 0]
-
-
-@compiled_sums
-def _substitute_all(factor: FloatArray, x: FloatArray) -> None:
-    """Replace right-hand sides (N, M) by the solutions."""
-    size, width, count = factor.shape[0], factor.shape[1] - 1, x.shape[1]
-    total = np.empty(count)
-    for j in range(size):
-        own = x[j]
-        for n in range(count):
-            own[n] /= factor[j, 0]
-        for k in range(1, min(width, size - 1 - j) + 1):
-            by, after = factor[j, k], x[j + k]
-            for n in range(count):
-                after[n] -= by * own[n]
-    for j in range(size - 1, -1, -1):
-        total[:] = x[j]
-        for k in range(1, min(width, size - 1 - j) + 1):
-            by, after = factor[j, k], x[j + k]
-            for n in range(count):
-                total[n] -= by * after[n]
-        x[j] = total / factor[j, 0]

@@ -14,7 +14,12 @@ from spcola.grids import Maplet
 from spcola.grids.gaps import filled
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.image_equations import ImageState, compare_image, scaled
-from spcola.photometry.photoclinometry.image_window import ImageWindow, open_ground, window_over
+from spcola.photometry.photoclinometry.image_window import (
+    GridPoints,
+    ImageWindow,
+    open_ground,
+    window_over,
+)
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.surface import Surface, resampled_points
 from spcola.photometry.secondary_light import SecondaryLight
@@ -87,8 +92,8 @@ class Comparison:
             raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
         grid, height = maplet.grid, filled(maplet.height)
         coarse = grid.with_gsd(grid.gsd * options.levels[0])
-        ground = open_ground(image, coarse, resampled_points(height, grid, coarse), beyond)
-        window = window_over(image, grid, height, coarse, ground, light=light)
+        opened = open_ground(image, coarse, resampled_points(height, grid, coarse), beyond)
+        window = window_over(image, GridPoints.of(grid, height), coarse, opened, light=light)
         if window is None:
             return None
         state = ImageState(float("nan"), np.array(gradient), np.array(shift_px), float("nan"))
@@ -109,11 +114,11 @@ def _compared(
         return None
     used = compared.used
     scale = scaled(window.pixels[used], compared.expected[used], state, options).scale
-    u, v, *_ = window.places(surface.height, state.shift)
+    u, v = window.places(surface.height, state.shift)
     sample, line = (np.floor(w).astype(np.intp) for w in (u, v))
     height, width = window.pixels.shape
     inside = (sample >= 0) & (sample < width) & (line >= 0) & (line < height)
-    seen, _ = window.seen_and_lit(surface.height, surface.gsd)
+    seen, _ = window.seen_and_lit(surface)
     shown = inside & known & (at_cells(np.pad(seen, 1, mode="edge")) > _SEEN)
     place = np.where(inside, line, 0), np.where(inside, sample, 0)
     observed, expected = window.pixels[place], scale * compared.expected[place]

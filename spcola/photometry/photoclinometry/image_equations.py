@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
-from spcola.math.robust import mad
+from spcola.math.robust import MAD_TO_SIGMA
 from spcola.photometry.photoclinometry.cell_pixels import (
+    EQUATIONS,
     FACTORS,
+    UNKNOWNS,
     WITH_CONTRAST,
-    Places,
+    box_cells,
     gather_cells,
     shade_cells,
     spread_cells,
@@ -22,6 +24,7 @@ from spcola.photometry.photoclinometry.pixel_weights import (
     expect_pixels,
     find_inner,
     fit_scale,
+    median_deviation,
     weigh_pixels,
 )
 from spcola.photometry.photoclinometry.surface import Surface
@@ -96,10 +99,9 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """Places, visibility and brightness of the cells of a surface in an image."""
+    """Cells of a surface in an image: their seen rectangles, lit shares and brightness."""
 
-    places: Places
-    seen: FloatArray
+    boxes: FloatArray
     lit: FloatArray
     shades: FloatArray
 
@@ -110,39 +112,25 @@ def _ground_in(
     state: ImageState,
     options: PhotoclinometryOptions,
 ) -> _Ground:
-    seen, lit = window.seen_and_lit(surface.height, surface.gsd)
-    shades, one = np.zeros((3, *seen.shape)), np.empty((3, *seen.shape))
-    code, packed = int(options.function.code), options.function.packed
-    for direction, phase, irradiance in window.lights():
-        shade_cells(code, packed, surface.slopes, direction, window.eye, phase, one)
-        shades += irradiance * one
-    shades *= gain(state.gradient, seen.shape)
-    return _Ground(window.places(surface.height, state.shift), seen, lit, shades)
+    seen, lit = window.seen_and_lit(surface)
+    boxes, shades = np.empty((5, *seen.shape)), np.zeros((3, *seen.shape))
+    u, v = window.places(surface.height, state.shift)
+    # Twelve variances of the point spread, blocks².
+    blur = _SQUARED_WIDTH * (options.psf_px / window.block) ** 2
+    box_cells(u, v, window.facing, blur, seen, boxes)
+    function = int(options.function.code), options.function.packed
+    for light in window.lights():
+        shade_cells(function, surface.slopes, light, window.eye, state.gradient, shades)
+    return _Ground(boxes, lit, shades)
 
 
-def _compared(
-    window: ImageWindow, surface: Surface, ground: _Ground, options: PhotoclinometryOptions
-) -> Compared:
+def _compared(window: ImageWindow, surface: Surface, ground: _Ground) -> Compared:
     """Spread the brightness of cells over the pixels of an image [16]."""
-    lit = ground.lit
-    layers = np.stack([surface.albedo * ground.shades[0] * lit, (lit > 0.0) & (lit < 1.0)])
     sums = np.zeros((3, *window.pixels.shape))
-    u, v = ground.places[:2]
-    spread_cells(u, v, window.facing, _blur(window, options), ground.seen, layers, sums)
+    spread_cells(ground.boxes, surface.albedo, ground.lit, ground.shades[0], sums)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     expect_pixels(sums, window.usable, _FILLED, used)
     return Compared(used, *sums)
-
-
-def _blur(window: ImageWindow, options: PhotoclinometryOptions) -> float:
-    """Return twelve times the variance of the point spread, blocks²."""
-    return _SQUARED_WIDTH * (options.psf_px / window.block) ** 2
-
-
-def gain(gradient: FloatArray, cells: tuple[int, ...]) -> FloatArray:
-    """Return 1 plus a plane (R − 1, C − 1) of relative changes from the centre to the edge."""
-    y, x = ((np.arange(size) * 2.0 + 1.0) / size - 1.0 for size in cells)
-    return 1.0 + gradient[0] * x + gradient[1] * y[:, None]
 
 
 def compare_image(
@@ -160,7 +148,7 @@ def compare_image(
     state : ImageState
     options : PhotoclinometryOptions
     """
-    return _compared(window, surface, _ground_in(window, surface, state, options), options)
+    return _compared(window, surface, _ground_in(window, surface, state, options))
 
 
 def scaled(
@@ -175,7 +163,7 @@ def scaled(
         scale, spread = float(np.median(some)), 1.0
     for _ in range(_SCALE_ROUNDS if new else 1):
         scale = fit_scale(pixels, expected, scale, scale * spread * options.loss_scale)
-        spread = max(float(mad(some) / abs(scale)), options.least_error)
+        spread = max(MAD_TO_SIGMA * median_deviation(some) / abs(scale), options.least_error)
     return replace(state, scale=scale, spread=spread)
 
 
@@ -185,10 +173,10 @@ class Sums:
 
     Attributes
     ----------
-    own : (R − 1, C − 1, 14) ndarray
+    own : (14, R − 1, C − 1) ndarray
         Upper triangle, row by row, for (∂h/∂x, ∂h/∂y, h, albedo) of each cell, then the right-hand
         side.
-    factors : (K, R − 1, C − 1, 8) ndarray of float32
+    factors : (K, 8, R − 1, C − 1) ndarray of float32
         Derivatives by these unknowns and by the nuisance parameters of each image, over the error
         of the brightness, as :func:`gather_cells` has them.
     nuisance : (K, 6, 7) ndarray
@@ -203,20 +191,20 @@ class Sums:
     def empty(cls, images: int, cells: tuple[int, int]) -> Sums:
         """Return sums over no image yet."""
         return cls(
-            np.zeros((*cells, 14)),
-            np.zeros((images, *cells, FACTORS), dtype=np.float32),
+            np.zeros((EQUATIONS, *cells)),
+            np.zeros((images, FACTORS, *cells), dtype=np.float32),
             np.zeros((images, WITH_CONTRAST, WITH_CONTRAST + 1)),
         )
 
     @property
     def normal(self) -> FloatArray:
         """Upper triangles (10, R − 1, C − 1) of the normal matrices."""
-        return np.moveaxis(self.own[..., :10], -1, 0)
+        return self.own[:-UNKNOWNS]
 
     @property
     def right(self) -> FloatArray:
         """Right-hand sides (4, R − 1, C − 1)."""
-        return np.moveaxis(self.own[..., 10:], -1, 0)
+        return self.own[-UNKNOWNS:]
 
 
 def add_image(
@@ -239,26 +227,24 @@ def add_image(
     less well, at low phase or high incidence, count less.
     """
     ground = _ground_in(window, surface, state, options)
-    compared = _compared(window, surface, ground, options)
+    compared = _compared(window, surface, ground)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     if find_inner(compared.expected, compared.used, used) < _FEWEST:
         return replace(state, spread=float("nan"))
     pixels, expected = window.pixels[used], compared.expected[used]
     found = scaled(pixels, expected, state, options)
     state = found if rescale else state
-    weighted = np.zeros((*window.pixels.shape, 5))
-    dark = options.least_brightness * float(expected.mean())
+    weighted = np.empty((*window.pixels.shape, 5))
+    mean = float(expected.mean())
     weigh_pixels(
         window.pixels, used, (compared.expected, compared.area, compared.edge),
-        (state.scale, state.spread, dark, options.loss_scale, window.block), weighted,
+        (state.scale, state.spread, options.least_brightness * mean, options.loss_scale,
+         window.block), weighted,
     )  # fmt: skip
-    seen = ground.seen if cells is None else np.where(cells, ground.seen, 0.0)
-    level = state.scale * float(expected.mean())
-    seeing = window.facing, _blur(window, options), seen, level
+    if cells is not None:
+        ground.boxes[-1] *= cells
     bright = state.scale * ground.lit, surface.albedo, ground.shades
+    lift = window.lift if options.stereo else np.zeros_like(window.lift)
     into = sums.own, sums.factors[number], sums.nuisance[number]
-    places = ground.places
-    if not options.stereo:
-        places = *places[:2], np.zeros_like(window.up_u), np.zeros_like(window.up_v)
-    gather_cells(places, seeing, weighted, bright, into)
+    gather_cells(ground.boxes, lift, weighted, bright, state.scale * mean, into)
     return replace(state, spread=found.spread)

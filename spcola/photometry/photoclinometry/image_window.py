@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera import SpcImage, project_image
+from spcola.compilation import compiled
 from spcola.grids import MapletGrid
 from spcola.photometry.ground import Ground, at_cells
 from spcola.photometry.ortho_image import stop_at_other_ground
-from spcola.photometry.photoclinometry.cell_pixels import Places
-from spcola.photometry.photoclinometry.surface import resampled_points
+from spcola.photometry.photoclinometry.surface import Surface, resampled_points
 from spcola.photometry.secondary_light import SecondaryLight
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
@@ -26,6 +27,36 @@ _RISE = 1e-3
 # Pixels are averaged in blocks of at most this side, cells: relief of a cell hardly varies in one,
 # and a pixel costs as much as a cell.
 _BLOCK = 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class GridPoints:
+    """Points of a grid: what the windows of all images over it share.
+
+    Attributes
+    ----------
+    grid : MapletGrid
+    height : (R, C) ndarray
+        Metres, all known.
+    points, raised : (R, C, 3) ndarrays
+        Body-fixed, metres, and the same a little higher.
+    cells : (3, R − 1, C − 1) ndarray
+        Middles of cells from the grid's centre, along its axes, metres.
+    """
+
+    grid: MapletGrid
+    height: FloatArray
+    points: FloatArray
+    raised: FloatArray
+    cells: FloatArray
+
+    @classmethod
+    def of(cls, grid: MapletGrid, height: FloatArray) -> GridPoints:
+        """Return the points of a grid at heights (R, C), metres, all known."""
+        points = grid.points(height)
+        middles = grid.gsd * (np.arange(grid.size - 1) + 0.5 - grid.half_size)
+        cells = np.stack([*np.meshgrid(middles, middles), at_cells(height)])
+        return cls(grid, np.array(height), points, points + _RISE * grid.gsd * grid.uz, cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +119,7 @@ class ImageWindow:
     def of(
         cls,
         image: SpcImage,
-        grid: MapletGrid,
-        height: FloatArray,
+        ground: GridPoints,
         open_ground: tuple[FloatArray, FloatArray],
         *,
         finest_m: float | None = None,
@@ -100,9 +130,8 @@ class ImageWindow:
         Parameters
         ----------
         image : SpcImage
-        grid : MapletGrid
-        height : (R, C) ndarray
-            Metres, all known; they may change later by far less than the distance.
+        ground : GridPoints
+            Their heights may change later by far less than the distance.
         open_ground : two (R − 1, C − 1) ndarrays
             `open_seen` and `open_lit`.
         finest_m : float, optional
@@ -110,8 +139,8 @@ class ImageWindow:
         light : SecondaryLight, optional
             By which it shows ground in the shade.
         """
-        points = grid.points(height)
-        pixel, line = project_image(image, points)
+        grid = ground.grid
+        pixel, line = project_image(image, ground.points)
         if image.pixels is None or not np.isfinite(pixel + line).all():
             return None
         cell = 1.0 if finest_m is None else finest_m / grid.gsd
@@ -125,29 +154,28 @@ class ImageWindow:
         pixels = np.asarray(image.pixels[window], dtype=np.float64)
         low, high = image.thresholds
         usable = (pixels > low) & (pixels < high)
-        raised = project_image(image, points + _RISE * grid.gsd * grid.uz)
+        raised = project_image(image, ground.raised)
         up = [
             (one - other) / (_RISE * grid.gsd)
             for one, other in zip(raised, (pixel, line), strict=True)
         ]
-        away = (image.position - at_cells(points)) @ grid.axes.T
-        eye = np.moveaxis(away / np.linalg.norm(away, axis=-1, keepdims=True), -1, 0)
+        camera = grid.axes @ (image.position - grid.center)
+        away = camera[:, None, None] - ground.cells
+        eye = away / np.sqrt(np.sum(away * away, axis=0))
         sun = grid.axes @ image.sun
         u, v = (
             (place - 0.5 - one.start) / block
             for place, one in zip((pixel, line), window[::-1], strict=True)
         )
         across, down = (np.array([w[j] - w[0, 0] for w in (u, v)]) for j in ((0, -1), (-1, 0)))
-        camera = grid.axes @ (image.position - grid.center) / [grid.gsd, grid.gsd, 1.0]
         facing = float(np.sign(across[0] * down[1] - across[1] * down[0]))
         return cls(
             image.name, _in_blocks(pixels, block).mean(axis=(1, 3)),
             np.asarray(_in_blocks(usable, block).all(axis=(1, 3))), block, u, v,
-            up[0], up[1], np.array(height), sun,
-            np.ascontiguousarray(eye),
+            up[0], up[1], ground.height, sun, eye,
             np.arccos(np.clip(np.tensordot(sun, eye, 1), -1.0, 1.0)),
-            camera + np.array([grid.half_size, grid.half_size, 0.0]), facing, *open_ground,
-            None if light is None else light.on_cells(grid),
+            camera / [grid.gsd, grid.gsd, 1.0] + [grid.half_size, grid.half_size, 0.0], facing,
+            *open_ground, None if light is None else light.on_cells(grid),
         )  # fmt: skip
 
     @property
@@ -159,10 +187,10 @@ class ImageWindow:
         light = irradiance.mean(axis=(1, 2)) @ directions
         return float(light[2] / np.linalg.norm(light))
 
-    def lights(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | float]]:
+    def lights(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
         """Yield direction (3,), phase (R − 1, C − 1) and irradiance of each source of light."""
         if self.secondary is None:
-            yield self.sun, self.phase, 1.0
+            yield self.sun, self.phase, np.ones_like(self.phase)
             return
         for direction, irradiance in zip(*self.secondary, strict=True):
             cosine = np.tensordot(direction, self.eye, 1)
@@ -187,27 +215,51 @@ class ImageWindow:
         )
         return gsd / (self.block * float(np.sqrt(abs(across[0] * down[1] - across[1] * down[0]))))
 
-    def places(self, height: FloatArray, shift: FloatArray) -> Places:
-        """Return sample and line (R, C) of points at other heights, and both derivatives.
+    def places(self, height: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return sample and line (R, C), in blocks, of points at other heights.
 
-        The first two are in blocks, `shift` (2,) and derivatives in pixels.
+        `shift` (2,) is in pixels.
         """
-        rise = height - self.height
-        return (
-            self.u + (self.up_u * rise + shift[0]) / self.block,
-            self.v + (self.up_v * rise + shift[1]) / self.block,
-            self.up_u,
-            self.up_v,
-        )
+        u, v = np.empty((2, *height.shape))
+        rise, block = height - self.height, float(self.block)
+        _move(self.u, self.up_u, rise, float(shift[0]), block, u)
+        _move(self.v, self.up_v, rise, float(shift[1]), block, v)
+        return u, v
 
-    def seen_and_lit(self, height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
+    @cached_property
+    def lift(self) -> FloatArray:
+        """Derivatives of sample and line (2, R − 1, C − 1) of cells by height, pixels a metre."""
+        return np.stack([at_cells(self.up_u), at_cells(self.up_v)])
+
+    def seen_and_lit(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
         """Return the shares (R − 1, C − 1) of each cell that the camera sees, and that are lit.
 
         Those that the Sun does not light are lit by secondary light.
         """
-        seen = self.open_seen * at_cells(1.0 - hidden(height, self.camera))
-        lit = self.open_lit * at_cells(1.0 - cast_shadow(height, self.sun * [1.0, 1.0, gsd]))
+        seen, lit = np.empty(self.open_seen.shape), np.empty(self.open_lit.shape)
+        _uncover(self.open_seen, hidden(surface.height, self.camera, surface.relief), seen)
+        step = self.sun * [1.0, 1.0, surface.gsd]
+        _uncover(self.open_lit, cast_shadow(surface.height, step, surface.relief), lit)
         return seen, lit if self.secondary is None else 1.0 - lit
+
+
+@compiled
+def _move(
+    at: FloatArray, up: FloatArray, rise: FloatArray, shift: float, block: float, out: FloatArray
+) -> None:
+    """Fill `out` (R, C) with places `at`, in blocks, changed by a rise and a shift in pixels."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = at[i, j] + (up[i, j] * rise[i, j] + shift) / block
+
+
+@compiled
+def _uncover(whole: FloatArray, covered: BoolArray, shares: FloatArray) -> None:
+    """Fill `shares` (R − 1, C − 1) with those of `whole` in no covered points (R, C)."""
+    for i in range(whole.shape[0]):
+        for j in range(whole.shape[1]):
+            corners = covered[i, j] + covered[i, j + 1] + covered[i + 1, j] + covered[i + 1, j + 1]
+            shares[i, j] = whole[i, j] * (1.0 - 0.25 * corners)
 
 
 def _block_of(pixel: FloatArray, line: FloatArray, cell: float) -> int:
@@ -249,10 +301,9 @@ def open_ground(
 
 def window_over(
     image: SpcImage,
-    grid: MapletGrid,
-    height: FloatArray,
+    ground: GridPoints,
     coarse: MapletGrid,
-    ground: tuple[FloatArray, FloatArray],
+    open_ground: tuple[FloatArray, FloatArray],
     *,
     finest_m: float | None = None,
     light: SecondaryLight | None = None,
@@ -262,16 +313,22 @@ def window_over(
     Parameters
     ----------
     image : SpcImage
-    grid : MapletGrid
-    height : (R, C) ndarray
-        Metres, all known.
+    ground : GridPoints
     coarse : MapletGrid
         Of the same place.
-    ground : two ndarrays
-        What :func:`open_ground` gives for the points of `coarse`.
+    open_ground : two ndarrays
+        What the function of this name gives for the points of `coarse`.
     finest_m : float, optional
     light : SecondaryLight, optional
         As in :meth:`ImageWindow.of`.
     """
-    seen, lit = (at_cells(resampled_points(points, coarse, grid)) for points in ground)
-    return ImageWindow.of(image, grid, height, (seen, lit), finest_m=finest_m, light=light)
+    seen, lit = (_shares(points, coarse, ground.grid) for points in open_ground)
+    return ImageWindow.of(image, ground, (seen, lit), finest_m=finest_m, light=light)
+
+
+def _shares(points: FloatArray, coarse: MapletGrid, grid: MapletGrid) -> FloatArray:
+    """Return shares (R − 1, C − 1) of the cells of a grid from those at points of a coarser one."""
+    # The rule: nothing beyond the grid hides or shades it.
+    if (points == 1.0).all():
+        return np.ones((grid.size - 1,) * 2)
+    return at_cells(resampled_points(points, coarse, grid))

@@ -14,10 +14,9 @@ from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, WITH_CONTRA
 from spcola.photometry.photoclinometry.image_equations import ImageState
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 
-# Most change of a shift in a round, pixels: beyond, brightness is not linear in it.
-_MOST_SHIFT = 1.0
-# Most change of ln λ and of its gradient in a round.
-_MOST_SCALE = 0.5
+# Most change of ln λ, of its gradient and of a shift (px) in a round: beyond, brightness is not
+# linear in the latter.
+_MOST = np.array([0.5, 0.5, 0.5, 1.0, 1.0])
 # Prior information on ln λ: far below that of a single pixel, so that λ without any stays.
 _FREE = 1e-6
 
@@ -78,7 +77,10 @@ def nuisance_values(states: Sequence[ImageState]) -> FloatArray:
 
 def changed_state(state: ImageState, step: FloatArray) -> ImageState:
     """Return the state of an image after a step (5,) of its nuisance parameters, bounded."""
-    scale = state.scale * np.exp(np.clip(step[0], -_MOST_SCALE, _MOST_SCALE))
-    shift = state.shift + np.clip(step[3:], -_MOST_SHIFT, _MOST_SHIFT)
-    gradient = state.gradient + np.clip(step[1:3], -_MOST_SCALE, _MOST_SCALE)
-    return replace(state, scale=float(scale), gradient=gradient, shift=shift)
+    bounded = np.clip(step, -_MOST, _MOST)
+    return replace(
+        state,
+        scale=state.scale * float(np.exp(bounded[0])),
+        gradient=state.gradient + bounded[1:3],
+        shift=state.shift + bounded[3:],
+    )

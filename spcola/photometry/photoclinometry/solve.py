@@ -24,6 +24,7 @@ from spcola.photometry.photoclinometry.constraints import (
 )
 from spcola.photometry.photoclinometry.image_equations import ImageState, Sums, add_image
 from spcola.photometry.photoclinometry.image_window import (
+    GridPoints,
     ImageWindow,
     open_ground,
     window_over,
@@ -195,18 +196,17 @@ class _Work:
         Blocks of pixels are those of the finest grid: on coarse ones single pixels show which side
         the Sun is on.
         """
-        finest = self.start.grid.gsd
+        finest, ground = self.start.grid.gsd, GridPoints.of(grid, height)
         return [
             window_over(
                 image,
-                grid,
-                height,
-                self.coarsest,
                 ground,
+                self.coarsest,
+                opened,
                 finest_m=finest,
                 light=self.secondary.get(image.name),
             )
-            for image, ground in zip(self.images, self.open, strict=True)
+            for image, opened in zip(self.images, self.open, strict=True)
         ]
 
     def with_turned_suns(self) -> _Work:

@@ -11,6 +11,7 @@ from scipy import ndimage
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 from spcola.photometry.ground import at_cells
+from spcola.photometry.shadows import Relief
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,11 @@ class Surface:
     def slopes(self) -> FloatArray:
         """∂h/∂x and ∂h/∂y (2, R − 1, C − 1) of cells: means of both edges."""
         return cell_slopes(self.height, self.gsd)
+
+    @cached_property
+    def relief(self) -> Relief:
+        """What limits how far rays over it have to be followed."""
+        return Relief.of(self.height)
 
     def on(self, grid: MapletGrid) -> Surface:
         """Return the surface interpolated to a grid of the same place and another GSD."""

@@ -16,7 +16,7 @@ from spcola.photometry.photoclinometry.albedo_equations import (
     eliminate_albedo,
     with_priors,
 )
-from spcola.photometry.photoclinometry.cell_pixels import UNKNOWNS
+from spcola.photometry.photoclinometry.cell_pixels import UNKNOWNS, WITH_CONTRAST, cell_offset
 from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInformation, CellSurface
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
@@ -44,7 +44,7 @@ class Reduced:
         albedo changes with them.
     albedo : AlbedoEquations
         Prior included.
-    factors : (K, R − 1, C − 1, 8) ndarray of float32
+    factors : (K, 8, R − 1, C − 1) ndarray of float32
         Of K images, as :class:`Sums` has them.
     gsd : float
         Metres.
@@ -109,30 +109,52 @@ def _couple(
     Those of the slopes and mean heights of the chosen cells, without their albedo, are taken to
     their corners.
     """
-    half = 0.5 / gsd
-    count = out.shape[0] // max(factors.shape[0], 1)
+    cells, count = chosen.shape[1], out.shape[0] // max(factors.shape[0], 1)
+    # One number on either side of those of the cells stays 0: points at the edge have one cell.
+    corners, extra = np.zeros((4, cells + 2)), np.zeros((WITH_CONTRAST, cells + 2))
     for k in range(factors.shape[0]):
+        own = factors[k]
         for i in range(chosen.shape[0]):
-            along_y = (2.0 * i + 1.0) / chosen.shape[0] - 1.0
-            for j in range(chosen.shape[1]):
-                own = factors[k, i, j]
-                if not (chosen[i, j] and own[UNKNOWNS] != 0.0):
-                    continue
-                albedo = own[UNKNOWNS - 1]
-                x = half * (own[0] - by_albedo[0, i, j] * albedo)
-                y = half * (own[1] - by_albedo[1, i, j] * albedo)
-                h = 0.25 * (own[2] - by_albedo[2, i, j] * albedo)
-                bright = np.float64(own[UNKNOWNS])
-                by_u, by_v = np.float64(own[UNKNOWNS + 1]), np.float64(own[UNKNOWNS + 2])
-                level = np.float64(own[UNKNOWNS + 3])
-                along_x = (2.0 * j + 1.0) / chosen.shape[1] - 1.0
-                extra = (bright, bright * along_x, bright * along_y, by_u, by_v, level)
-                for b in range(count):
-                    points = out[count * k + b]
-                    points[i, j] += (h - x - y) * extra[b]
-                    points[i, j + 1] += (h + x - y) * extra[b]
-                    points[i + 1, j] += (h - x + y) * extra[b]
-                    points[i + 1, j + 1] += (h + x + y) * extra[b]
+            _take_to_corners(own, by_albedo, chosen, (i, gsd), corners)
+            along_y = cell_offset(i, chosen.shape[0])
+            for b in range(count):
+                factor = UNKNOWNS + max(b - 2, 0)
+                for j in range(cells):
+                    extra[b, j + 1] = own[factor, i, j]
+            for j in range(cells):
+                extra[1, j + 1] *= cell_offset(j, cells)
+                extra[2, j + 1] *= along_y
+            for b in range(count):
+                for corner in (0, 2):
+                    place, row = count * k + b, i + corner // 2
+                    for j in range(cells + 1):
+                        out[place, row, j] += (
+                            corners[corner, j + 1] * extra[b, j + 1]
+                            + corners[corner + 1, j] * extra[b, j]
+                        )
+
+
+@compiled
+def _take_to_corners(
+    own: AnyArray,
+    by_albedo: FloatArray,
+    chosen: BoolArray,
+    place: tuple[int, float],
+    corners: FloatArray,
+) -> None:
+    """Fill `corners` (4, C + 1): derivatives by the heights of the corners of a row of cells.
+
+    `place` is the row, and the GSD.
+    """
+    i, gsd = place
+    half = 0.5 / gsd
+    for j in range(chosen.shape[1]):
+        albedo = np.float64(own[UNKNOWNS - 1, i, j])
+        x = half * (own[0, i, j] - by_albedo[0, i, j] * albedo) * chosen[i, j]
+        y = half * (own[1, i, j] - by_albedo[1, i, j] * albedo) * chosen[i, j]
+        h = 0.25 * (own[2, i, j] - by_albedo[2, i, j] * albedo) * chosen[i, j]
+        corners[0, j + 1], corners[1, j + 1] = h - x - y, h + x - y
+        corners[2, j + 1], corners[3, j + 1] = h - x + y, h + x + y
 
 
 @dataclass(frozen=True, eq=False)

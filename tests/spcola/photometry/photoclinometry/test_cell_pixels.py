@@ -6,21 +6,28 @@ import numpy as np
 import pytest
 
 from spcola.photometry.functions import PHOTOMETRIC_FUNCTIONS, photometric_function
-from spcola.photometry.photoclinometry.cell_pixels import gather_cells, shade_cells, spread_cells
+from spcola.photometry.photoclinometry.cell_pixels import (
+    box_cells,
+    gather_cells,
+    shade_cells,
+    spread_cells,
+)
 
 RNG = np.random.default_rng(3)
 CELLS = (7, 9)
 
 
-def shades_of(name, slopes):
+def shades_of(name, slopes, gradient=(0.0, 0.0), irradiance=1.0):
     function = photometric_function(name)
     sun = np.array([0.5, -0.3, 0.8])
     sun /= np.linalg.norm(sun)
     eye = np.broadcast_to(np.array([-0.2, 0.4, 0.9])[:, None, None], (3, *CELLS)).copy()
     eye /= np.linalg.norm(eye, axis=0)
     phase = np.arccos(np.tensordot(sun, eye, 1))
-    found = np.empty((3, *CELLS))
-    shade_cells(int(function.code), function.packed, slopes, sun, eye, phase, found)
+    found = np.zeros((3, *CELLS))
+    chosen = int(function.code), function.packed
+    light = sun, phase, np.full(CELLS, irradiance)
+    shade_cells(chosen, slopes, light, eye, np.array(gradient), found)
     return found
 
 
@@ -35,37 +42,61 @@ def test_derivatives_by_slopes_are_those_of_finite_differences(name):
         np.testing.assert_allclose(found[1 + axis], change / (2 * step), rtol=1e-5, atol=1e-7)
 
 
+def test_a_gradient_changes_brightness_from_the_centre_to_the_edge():
+    slopes = RNG.normal(0.0, 0.2, (2, *CELLS))
+    ratio = shades_of("lambert", slopes, (0.3, -0.2)) / shades_of("lambert", slopes)
+    y, x = ((np.arange(size) + 0.5) * 2 / size - 1 for size in CELLS)
+    np.testing.assert_allclose(ratio, [1.0 + 0.3 * x - 0.2 * y[:, None]] * 3)
+    faint = shades_of("lambert", slopes, irradiance=0.1)
+    np.testing.assert_allclose(faint, 0.1 * shades_of("lambert", slopes))
+
+
 def places(*, tilt=0.3, pixel=0.7):
     """Sample and line of points: turned, oblique, a cell is `pixel` wide."""
     y, x = np.indices((CELLS[0] + 1, CELLS[1] + 1)).astype(float)
     height = RNG.normal(0.0, 0.1, x.shape)
     u = 4.0 + pixel * (x * np.cos(tilt) - y * np.sin(tilt)) + 0.3 * height
     v = 4.0 + pixel * (x * np.sin(tilt) + 0.8 * y * np.cos(tilt)) - 0.2 * height
-    return u, v, np.full(x.shape, 0.3), np.full(x.shape, -0.2)
+    return u, v
 
 
-def spread(where, layers, blur=0.0, shape=(20, 20)):
-    sums = np.zeros((1 + len(layers), *shape))
-    spread_cells(where[0], where[1], 1.0, blur, np.ones(CELLS), layers, sums)
+def boxes_of(where, blur=0.0, seen=1.0, facing=1.0):
+    boxes = np.empty((5, *CELLS))
+    box_cells(*where, facing, blur, np.full(CELLS, seen), boxes)
+    return boxes
+
+
+def spread(boxes, albedo, lit=1.0, shape=(20, 20)):
+    sums = np.zeros((3, *shape))
+    spread_cells(boxes, albedo, np.full(CELLS, lit), np.ones(CELLS), sums)
     return sums
 
 
 def test_light_is_conserved_and_ground_seen_evenly_is_even():
-    where, layer = places(), RNG.uniform(0.5, 1.5, (1, *CELLS))
-    sums = spread(where, layer)
-    u, v = where[:2]
+    (u, v), albedo = places(), RNG.uniform(0.5, 1.5, CELLS)
+    sums = spread(boxes_of((u, v)), albedo)
     diagonals = (u[1:, 1:] - u[:-1, :-1]) * (v[1:, :-1] - v[:-1, 1:])
     diagonals -= (v[1:, 1:] - v[:-1, :-1]) * (u[1:, :-1] - u[:-1, 1:])
     area = 0.5 * np.abs(diagonals)
     assert sums[0].sum() == pytest.approx(area.sum(), rel=2e-3)
-    assert sums[1].sum() == pytest.approx((area * layer[0]).sum(), rel=5e-3)
-    blurred = spread(where, layer, blur=12 * 0.5**2)
+    assert sums[1].sum() == pytest.approx((area * albedo).sum(), rel=5e-3)
+    assert not sums[2].any()
+    blurred = spread(boxes_of((u, v), blur=12 * 0.5**2), albedo)
     assert blurred[1].sum() == pytest.approx(sums[1].sum(), rel=1e-12)
+
+
+def test_cells_partly_in_shadow_or_hidden_give_part_of_their_light():
+    boxes, albedo = boxes_of(places()), RNG.uniform(0.5, 1.5, CELLS)
+    whole, half = spread(boxes, albedo), spread(boxes, albedo, lit=0.5)
+    np.testing.assert_allclose(half, [whole[0], 0.5 * whole[1], whole[0]])
+    behind = spread(boxes_of(places(), seen=0.25), albedo)
+    assert behind[0].sum() == pytest.approx(0.25 * whole[0].sum(), rel=1e-2)
+    assert not spread(boxes_of(places(), facing=-1.0), albedo).any()
 
 
 def test_square_cells_have_their_exact_overlaps_with_pixels():
     y, x = np.indices((CELLS[0] + 1, CELLS[1] + 1)).astype(float)
-    sums = spread((2.25 + 0.5 * x, 3.0 + 0.5 * y), np.ones((1, *CELLS)))
+    sums = spread(boxes_of((2.25 + 0.5 * x, 3.0 + 0.5 * y)), np.ones(CELLS))
     assert sums[0][4, 4] == pytest.approx(1.0)
     assert sums[0][4, 2] == pytest.approx(0.75)
     assert sums[0].sum() == pytest.approx(0.25 * CELLS[0] * CELLS[1])
@@ -73,15 +104,15 @@ def test_square_cells_have_their_exact_overlaps_with_pixels():
 
 def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
     """By slopes and albedo: of the sum of w r² over the pixels, exactly."""
-    where, slopes = places(), RNG.normal(0.0, 0.2, (2, *CELLS))
+    boxes, slopes = boxes_of(places()), RNG.normal(0.0, 0.2, (2, *CELLS))
     albedo, scale = RNG.uniform(0.8, 1.2, CELLS), 3.0
     shades = shades_of("lunar-lambert", slopes)
-    sums = spread(where, (albedo * shades[0])[None])
+    sums = spread(boxes, albedo * shades[0])
     used = sums[0] > 0.6
     observed = RNG.uniform(0.5, 2.5, used.shape)
 
     def residuals(slopes, albedo):
-        lit = spread(where, (albedo * shades_of("lunar-lambert", slopes)[0])[None])
+        lit = spread(boxes, albedo * shades_of("lunar-lambert", slopes)[0])
         return (observed - scale * lit[1] / np.maximum(lit[0], 1e-9))[used]
 
     left = residuals(slopes, albedo)
@@ -91,8 +122,8 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
     # As if all pixels were expected to be 1: the sum over cells is that over pixels then.
     window[used, 2] = 1.0 / sums[0][used]
     bright = np.full(CELLS, scale), albedo, shades
-    own, factors, nuisance = np.zeros((*CELLS, 14)), np.zeros((*CELLS, 8)), np.zeros((6, 7))
-    gather_cells(where, (1.0, 0.0, np.ones(CELLS), 0.7), window, bright, (own, factors, nuisance))
+    own, factors, nuisance = np.zeros((14, *CELLS)), np.zeros((8, *CELLS)), np.zeros((6, 7))
+    gather_cells(boxes, np.zeros((2, *CELLS)), window, bright, 0.7, (own, factors, nuisance))
     step = 1e-6
     for place in ((0, 0), (3, 4), (6, 8), (2, 7)):
         for unknown in (0, 1, 3):
@@ -105,7 +136,7 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
                     moved[unknown][place] += sign * step
                 changed.append(0.5 * np.sum(residuals(moved, bright) ** 2))
             gradient = -(changed[0] - changed[1]) / (2 * step)
-            assert own[place][10 + unknown] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
+            assert own[10 + unknown][place] == pytest.approx(gradient, rel=1e-5, abs=1e-8)
     assert nuisance[0, 6] == pytest.approx(np.sum(left))
     # Brightness added to every pixel.
     assert nuisance[5, 6] == pytest.approx(0.7 * np.sum(left))

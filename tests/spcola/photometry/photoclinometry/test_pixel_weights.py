@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spcola.math.robust import MAD_TO_SIGMA, mad
 from spcola.photometry.photoclinometry.pixel_weights import (
     expect_pixels,
     find_inner,
     fit_scale,
+    median_deviation,
     weigh_pixels,
 )
 
@@ -25,7 +27,7 @@ def weighed(pixels, expected, *, edge=None, area=None, dark=0.0):
     """The five layers, and which pixels have them."""
     edge = np.zeros(SHAPE) if edge is None else edge
     area = np.ones(SHAPE) if area is None else area
-    used, out = np.zeros(SHAPE, dtype=bool), np.zeros((*SHAPE, 5))
+    used, out = np.zeros(SHAPE, dtype=bool), np.full((*SHAPE, 5), np.nan)
     count = find_inner(expected, np.isfinite(expected), used)
     assert count == np.count_nonzero(used)
     weigh_pixels(pixels, used, (expected, area, edge), (SCALE, SPREAD, dark, LOSS, 1), out)
@@ -67,6 +69,20 @@ def test_scale_is_that_of_least_squares_without_outliers(rng):
     assert fit_scale(pixels, expected, SCALE, 1e9) == pytest.approx(
         (pixels @ expected) / (expected @ expected), rel=1e-12
     )
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 8, 101, 4000])
+def test_median_deviation_is_that_of_sorted_numbers(rng, size):
+    for values in (
+        rng.normal(size=size),
+        rng.integers(0, 4, size).astype(float),
+        np.ones(size),
+        np.arange(size, 0.0, -1.0),
+    ):
+        before = values.copy()
+        assert MAD_TO_SIGMA * median_deviation(values) == mad(values)
+        np.testing.assert_array_equal(values, before)
+    assert np.isnan(median_deviation(np.full(size, np.nan)))
 
 
 def test_layers_are_weighted_residual_brightness_and_gradient(rng):
