@@ -21,6 +21,7 @@ from fusion.workspace.settings.ranges import (
     Size,
     Span,
     Text,
+    Texts,
     Turn,
 )
 from fusion.workspace.settings.table import Table
@@ -130,9 +131,8 @@ class LithosSettings(Table):
     max_images: Annotated[int, Span(2, 10_000)] = Field(
         default=50, description="most images of a maplet"
     )
-    secondary_light: list[Text] = Field(
+    secondary_light: Texts = Field(
         default=[],
-        max_length=100_000,
         description="images that also count where the Sun does not light the ground, below their "
         "lower threshold: lit ground around it is its light",
     )
