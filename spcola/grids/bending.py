@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
 from spcola.arrays import FloatArray
 
-__all__ = ["BENDING_NOISE", "BENDING_RANGE_NOISE", "CELL_SHARE", "bending", "bending_range"]
+__all__ = [
+    "BENDING_NOISE",
+    "BENDING_RANGE_NOISE",
+    "CELL_SHARE",
+    "bending",
+    "bending_around",
+    "bending_range",
+]
 
 CELL_SHARE = 1.0 / 24.0
 """Factor from bending to the difference between a quadratic surface's mean over the cell around a
@@ -57,3 +64,16 @@ def bending_range(height: FloatArray) -> FloatArray:
     most = maximum_filter(np.where(known, bend, -np.inf), size=3)
     least = minimum_filter(np.where(known, bend, np.inf), size=3)
     return np.maximum(most - least, 0.0)
+
+
+def bending_around(height: FloatArray) -> FloatArray:
+    """Return the root mean square of :func:`bending` over the 3 × 3 points around each, metres.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres, all known; beyond the border the surface goes on as it comes.
+    """
+    bend = bending(np.pad(height, 2, mode="reflect", reflect_type="odd"))[1:-1, 1:-1]
+    square = uniform_filter(bend**2, 3)[1:-1, 1:-1]
+    return np.sqrt(np.maximum(square, 0.0))

@@ -9,7 +9,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fusion.fusing import gives_means
 from fusion.registration.results import GivenRegistration, given_registration
 from fusion.scene.geolocation import ReturnSource
 from fusion.stages.lithos.options import ConstraintKind
@@ -29,31 +28,20 @@ from spcola.photometry.photoclinometry import HeightConstraint
 _NEIGHBOURS, _SUPPORT, _FAR, _GROUP = 12, 2, 5.0, 12
 # Share of the returns, those nearest to another one, whose differences are noise; fewest of them.
 _CLOSE, _FEWEST = 0.1, 20
-# Mapolas of which the density of the lidar is taken; share of their cells with returns, that of one
-# return a cell in the mean, from which on mapolas are used.
-_SAMPLED, _COVERED = 24, 0.63
 # Smallest error that all heights share, and smallest noise, metres.
 _LEAST_COMMON, _LEAST_NOISE = 1e-5, 1e-4
 
 
 def lidar_kind(workspace: Workspace) -> ConstraintKind:
-    """Return as what the lidar of a workspace constrains best.
+    """Return as what the lidar of a workspace constrains best: returns, or mapolas without scans.
 
-    Mapolas where most of their cells have returns and are as fine as the maplets' (or where there
-    are none, so that the command states what is missing), else the returns themselves.
+    A return has its own place; a cell of a mapola is a median over ground that bends.
 
     Parameters
     ----------
     workspace : Workspace
     """
-    names, maplets = workspace.mapola_names(), set(workspace.maplet_names())
-    shares = []
-    for name in names[:: max(1, len(names) // _SAMPLED)]:
-        mapola = workspace.mapola(name)
-        coarse = name in maplets and gives_means(mapola.grid, workspace.maplet(name).grid)
-        shares.append(0.0 if coarse else float(np.mean(np.isfinite(mapola.height))))
-    dense = not shares or float(np.median(shares)) >= _COVERED
-    return ConstraintKind.LIDAR if dense else ConstraintKind.RETURNS
+    return ConstraintKind.RETURNS if workspace.scan_paths() else ConstraintKind.LIDAR
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,6 +66,9 @@ class PhotoclinometryOptions:
     error_factor : float
         Factor on the formal sigmas of heights: on synthetic bodies errors are as much larger, since
         relief that the grid does not resolve is common to all images.
+    bend_sigma : float
+        Standard deviation of the error of heights, of the bending of the surface around (m): edges
+        and tops of boulders that the grid does not resolve.
     constraint_fraction : float
         Share of the constraining heights that count in a round, drawn anew each round (Gaskell et
         al., §4); 1 is all of them. In sigmas all count.
@@ -100,7 +103,8 @@ class PhotoclinometryOptions:
     loss_scale: float = 3.0
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
-    error_factor: float = 1.2
+    error_factor: float = 1.1
+    bend_sigma: float = 0.15
     constraint_fraction: float = 1.0
     seed: int = 1
     stereo: bool = True
@@ -111,7 +115,7 @@ class PhotoclinometryOptions:
         for name in (
             "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma",
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
-            "error_factor", "settled_gsd", "settled_albedo",
+            "error_factor", "bend_sigma", "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

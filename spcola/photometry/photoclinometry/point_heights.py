@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, check_shape, read_only
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
-from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.surface import Surface
 
 # Upper triangle of (∂h/∂x, ∂h/∂y, h), row by row.
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_MATRIX = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,80 +82,78 @@ class CellHeights:
     ----------
     normal : (6, R − 1, C − 1) ndarray
         Upper triangle of the information of (∂h/∂x, ∂h/∂y, h).
-    right : (3, R − 1, C − 1) ndarray
-        Products with the heights.
     coupled : (G, R, C) ndarray
         Products of the heights of the points of the grid with the errors that groups share.
     shared : (G, G) ndarray
         Information on these errors, prior included.
-    shared_right : (G,) ndarray
+    places : (N, 3) ndarray
+        Of the points in cells of the grid: x, y and height, metres.
+    weight : (N,) ndarray
+        Of each alone, 1/m².
+    group : (N,) integer ndarray
+        To which of the G groups each belongs.
+    cell : (N,) integer ndarray
+        Number of the cell of each, row by row.
+    partials : (3, N) ndarray
+        Derivatives of the height of each by ∂h/∂x, ∂h/∂y and h of its cell.
     """
 
     normal: FloatArray
-    right: FloatArray
     coupled: FloatArray
     shared: FloatArray
-    shared_right: FloatArray
+    places: FloatArray
+    weight: FloatArray
+    group: IntArray
+    cell: IntArray
+    partials: FloatArray
 
     @classmethod
     def of(cls, points: Sequence[PointHeights], level: MapletGrid) -> Self:
         """Sum points in the cells of a grid of the same place; those outside do not count."""
-        parts = [_one(some, level) for some in points]
-        cells = (level.size - 1,) * 2
-        size = sum(len(part.shared) for part in parts)
-        shared, first = np.zeros((size, size)), 0
-        for part in parts:
-            last = first + len(part.shared)
-            shared[first:last, first:last] = part.shared
-            first = last
+        prior = [0.5 * (one + one.T) for one in (np.linalg.inv(p.covariance) for p in points)]
+        first = np.cumsum([0, *(len(one) for one in prior)])
+        places = np.concatenate([np.zeros((0, 3)), *(one.places for one in points)])
+        weight = np.concatenate([np.zeros(0), *(one.sigma for one in points)]) ** -2.0
+        groups = [one.group + start for one, start in zip(points, first, strict=False)]
+        group = np.concatenate([np.zeros(0, dtype=np.int64), *groups])
+        column, row, away_x, away_y = _in_cells(places, level)
+        cells = level.size - 1
+        inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells)
+        places, weight, group = places[inside], weight[inside], group[inside]
+        cell = (row * cells + column)[inside]
+        partials = np.stack([away_x[inside], away_y[inside], np.ones(len(cell))])
+        shared = block_diag(*prior) if prior else np.zeros((0, 0))
+        coupled = np.zeros((len(shared), *level.shape))
+        for number in np.unique(group):
+            own = np.where(group == number, weight, 0.0)
+            coupled[number] = _to_points(_summed(cell, own * partials, cells), level.gsd)
         return cls(
-            np.sum([np.zeros((6, *cells)), *(part.normal for part in parts)], axis=0),
-            np.sum([np.zeros((3, *cells)), *(part.right for part in parts)], axis=0),
-            np.concatenate([np.zeros((0, *level.shape)), *(part.coupled for part in parts)]),
-            shared,
-            np.concatenate([np.zeros(0), *(part.shared_right for part in parts)]),
-        )
+            _summed(cell, [weight * partials[a] * partials[b] for a, b in _PAIRS], cells),
+            coupled,
+            shared + np.diag(np.bincount(group, weight, len(shared))),
+            places, weight, group, cell, partials,
+        )  # fmt: skip
 
     def about(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
-        """Return right-hand sides of changes of a surface (3, R − 1, C − 1), and of groups (G,)."""
-        now = np.stack([*surface.slopes, at_cells(surface.height)])
-        right = np.stack(
-            [
-                self.right[a] - sum(self.normal[_MATRIX[a][b]] * now[b] for b in range(3))
-                for a in range(3)
-            ]
-        )
-        return right, self.shared_right - np.tensordot(self.coupled, surface.height, 2)
+        """Return right-hand sides of changes of a surface (3, R − 1, C − 1), and of groups (G,).
+
+        Heights of the surface between its points are those of a spline: planes of cells lie above
+        hollows and below tops. Derivatives are those of the planes, so that only cells are coupled;
+        the rounds lead to the spline all the same.
+        """
+        x, y, height = self.places.T
+        pull = self.weight * (height - surface.height_at(x, y))
+        right = _summed(self.cell, pull * self.partials, self.normal.shape[1])
+        return right, np.bincount(self.group, pull, len(self.shared)).astype(np.float64)
 
 
-def _one(points: PointHeights, level: MapletGrid) -> CellHeights:
-    """Return the sums of some points with groups of their own."""
-    cells, groups = level.size - 1, len(points.covariance)
-    column, row, away_x, away_y = _in_cells(points.places, level)
-    inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells)
-    place, group = (row * cells + column)[inside], points.group[inside]
-    weight, height = points.sigma[inside] ** -2.0, points.places[inside, 2]
-    partials = np.stack([away_x[inside], away_y[inside], np.ones(len(place))])
-
-    def summed(values: FloatArray) -> FloatArray:
-        total = np.bincount(place, values, cells * cells)
-        return total.astype(np.float64).reshape(cells, cells)
-
-    coupled = np.zeros((groups, *level.shape))
-    for number in np.unique(group):
-        own = np.where(group == number, weight, 0.0)
-        coupled[number] = _to_points([summed(own * one) for one in partials], level.gsd)
-    prior = np.linalg.inv(points.covariance)
-    return CellHeights(
-        np.stack([summed(weight * partials[a] * partials[b]) for a, b in _PAIRS]),
-        np.stack([summed(weight * one * height) for one in partials]),
-        coupled,
-        0.5 * (prior + prior.T) + np.diag(np.bincount(group, weight, groups)),
-        np.bincount(group, weight * height, groups).astype(np.float64),
-    )
+def _summed(cell: IntArray, values: Sequence[FloatArray] | FloatArray, cells: int) -> FloatArray:
+    """Return the sums (K, R − 1, C − 1) of K values of points (K, N) in their cells."""
+    sums = [np.bincount(cell, one, cells * cells).reshape(cells, cells) for one in values]
+    return np.array(sums, dtype=np.float64)
 
 
-def _to_points(products: Sequence[FloatArray], gsd: float) -> FloatArray:
+def _to_points(products: FloatArray, gsd: float) -> FloatArray:
     """Return products (R, C) with heights of points, of those with slopes and means of cells."""
     slope_x, slope_y, mean = products
     points = np.zeros((mean.shape[0] + 1, mean.shape[1] + 1))

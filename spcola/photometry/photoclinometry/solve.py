@@ -13,6 +13,7 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
+from spcola.grids.bending import bending_around
 from spcola.grids.gaps import filled
 from spcola.math.robust import mad
 from spcola.photometry.ground import at_cells
@@ -52,6 +53,10 @@ from spcola.shape import RayCaster
 
 # Standard deviation of the change of the mean height in a round, GSDs.
 _MOST_RISE = 3.0
+# Outliers are weighed down little by little: on a smooth start boulders are the largest of them,
+# and would never rise. In the first round of a level the loss is so many times as wide, in each
+# further one by this factor less, down to its own width.
+_WIDE, _NARROWER = 4.0, 0.7
 
 
 def solve_photoclinometry(
@@ -233,8 +238,8 @@ class _Work:
     def level(self, factor: int) -> None:
         """Do the rounds of a level of a GSD that is `factor` times the grid's."""
         self.enter(factor)
-        for _ in range(self.options.rounds):
-            if self.round():
+        for number in range(self.options.rounds):
+            if self.round(widened=max(1.0, _WIDE * _NARROWER**number)):
                 return
 
     def enter(self, factor: int) -> None:
@@ -246,24 +251,24 @@ class _Work:
         self.priors = Priors(slopes, *gathered(self.constraints, whole, grid))
         self.windows = self.cut(grid, self.surface.height)
 
-    def sums(self, *, least_elevation: float = 0.0) -> Sums:
+    def sums(self, *, least_elevation: float = 0.0, widened: float = 1.0) -> Sums:
         """Return the normal equations of images with the Sun at least so high (rad), summed.
 
-        The scales and spreads of the images are changed to those of the surface.
+        The scales and spreads of the images are changed to those of the surface. Outliers are those
+        of a loss that is `widened` by a factor.
         """
-        surface, options = self.surface, self.options
+        surface = self.surface
+        options = replace(self.options, loss_scale=widened * self.options.loss_scale)
         sums = Sums.empty(len(self.images), surface.albedo.shape)
         for k, window in enumerate(self.windows):
             if window is not None and window.elevation_sine >= np.sin(least_elevation):
                 self.states[k] = add_image(sums, k, window, surface, self.states[k], options)
         return sums
 
-    def reduced(self) -> Reduced:
-        """Return the normal equations of the cells for a round."""
-        before = nuisance_values(self.states)
-        return reduce_albedo(
-            self.sums(), self.surface, before, self.known, self.options.albedo_sigma
-        )
+    def reduced(self, widened: float) -> Reduced:
+        """Return the normal equations of the cells for a round, with a loss so many times wider."""
+        before, sums = nuisance_values(self.states), self.sums(widened=widened)
+        return reduce_albedo(sums, self.surface, before, self.known, self.options.albedo_sigma)
 
     def round_priors(self) -> Priors:
         """Return what counts in the next round: a random share of the heights, or all."""
@@ -276,10 +281,13 @@ class _Work:
         heights = gathered(some, self.start.grid, self.surface.grid)
         return Priors(self.priors.slopes, *heights)
 
-    def round(self) -> bool:
-        """Do one round; return whether heights and albedo have settled."""
+    def round(self, *, widened: float = 1.0) -> bool:
+        """Do one round; return whether heights and albedo have settled.
+
+        They have not while the loss is `widened`.
+        """
         surface, options, priors = self.surface, self.options, self.round_priors()
-        reduced = self.reduced()
+        reduced = self.reduced(widened)
         most = _MOST_RISE * surface.gsd
         equations = height_equations(reduced, surface, priors, options, most_m=most)
         rise, nuisance = equations.solve()
@@ -291,7 +299,7 @@ class _Work:
         steps = nuisance.reshape(-1, NUISANCES)
         self.states = [changed_state(*one) for one in zip(self.states, steps, strict=True)]
         self.surface = Surface(surface.grid, surface.height + rise, albedo)
-        settled = moved < options.settled_gsd * surface.gsd
+        settled = widened == 1.0 and moved < options.settled_gsd * surface.gsd
         return settled and brightened < options.settled_albedo
 
 
@@ -329,7 +337,8 @@ def _result(work: _Work) -> Photoclinometry:
     trusted = reduced.of_cells(directions == 2)
     equations = height_equations(trusted, work.surface, work.priors, options)
     variance = equations.variance(contrast, options.contrast_sigma)
-    height_sigma = options.error_factor * np.sqrt(variance)
+    bend = options.bend_sigma * bending_around(work.surface.height)
+    height_sigma = np.sqrt(options.error_factor**2 * variance + bend**2)
     maplet = replace(
         work.start,
         height=np.where(known, work.surface.height, np.nan),

@@ -46,6 +46,23 @@ class Surface:
         """What limits how far rays over it have to be followed."""
         return Relief.of(self.height)
 
+    @cached_property
+    def _spline(self) -> FloatArray:
+        return np.asarray(ndimage.spline_filter(self.height, order=3, mode="nearest"))
+
+    def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return heights (N,) between points, metres, by a cubic spline.
+
+        Parameters
+        ----------
+        x, y : (N,) ndarrays
+            From the centre along Ux and Uy, metres; beyond the grid the nearest height counts.
+        """
+        places = [along / self.gsd + self.grid.half_size for along in (y, x)]
+        return np.asarray(
+            ndimage.map_coordinates(self._spline, places, order=3, mode="nearest", prefilter=False)
+        )
+
     def on(self, grid: MapletGrid) -> Surface:
         """Return the surface interpolated to a grid of the same place and another GSD."""
         height = resampled_points(self.height, self.grid, grid)

@@ -454,16 +454,7 @@ def test_mapolas_that_are_coarser_than_all_maplets_are_refused(mission, tmp_path
     assert "returns" in content["options"]["constraints"]
 
 
-def test_returns_are_taken_where_mapolas_have_few(mission, tmp_path, monkeypatch):
-    workspace, whole = Workspace.open(mission[0]), Workspace.mapola
-    assert lidar_kind(workspace) == "lidar"
-
-    def sparse(self, name):
-        mapola = whole(self, name)
-        few = np.random.default_rng(1).random(mapola.height.shape) < 0.3
-        return replace(mapola, height=np.where(few, mapola.height, np.nan))
-
-    monkeypatch.setattr(Workspace, "mapola", sparse)
-    assert lidar_kind(workspace) == "returns"
+def test_returns_are_taken_where_there_are_scans(mission, tmp_path):
+    assert lidar_kind(Workspace.open(mission[0])) == "returns"
     call("init", tmp_path / "bare", "--spc", mission[0])
     assert lidar_kind(Workspace.open(tmp_path / "bare")) == "lidar"
