@@ -56,10 +56,11 @@ class CellSurface:
     cells : CellInformation
     gsd : float
         Metres.
-    weight : (R, C) ndarray
-        Weights of single heights, 1/m².
+    known : (5, R, C) ndarray
+        Normal matrix of what else is known of heights, 1/m²: products of each point with itself,
+        and with the points next to it, below left, below, and below right.
     right : (R, C) ndarray
-        Their right-hand sides.
+        Right-hand sides of that.
     twist : (R − 1, C − 1) ndarray
         Weight of ``h00 − h01 − h10 + h11`` of each cell, 1/m²: cells do not see it.
     """
@@ -68,17 +69,16 @@ class CellSurface:
         self,
         cells: CellInformation,
         gsd: float,
-        weight: FloatArray,
+        known: FloatArray,
         right: FloatArray,
         twist: FloatArray,
     ) -> None:
-        self._shape = weight.shape
-        self._diagonals = np.zeros((5, *self._shape))
-        self._diagonals[0] = weight
+        self._shape = right.shape
+        self._diagonals = np.array(known)
         self._right = np.array(right)
         _assemble(cells.normal, cells.right, twist, gsd, self._diagonals, self._right)
         count = len(cells.nuisance)
-        self._coupled = cells.coupled.reshape(count, weight.size)
+        self._coupled = cells.coupled.reshape(count, right.size)
         self._nuisance_normal = cells.nuisance
         self._nuisance = cho_factor(cells.nuisance) if count else None
         self._nuisance_right = cells.nuisance_right

@@ -11,7 +11,7 @@ from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
 from spcola.math.robust import MAD_TO_SIGMA
-from spcola.photometry.photoclinometry.point_heights import CellHeights, PointHeights
+from spcola.photometry.photoclinometry.point_heights import PointEquations, PointHeights
 
 
 @dataclass(frozen=True)
@@ -191,11 +191,11 @@ class HeightConstraint:
 
 def gathered(
     constraints: tuple[HeightConstraint, ...], grid: MapletGrid, level: MapletGrid
-) -> tuple[FloatArray, FloatArray, CellHeights]:
+) -> tuple[FloatArray, FloatArray, PointEquations]:
     """Return weighted mean heights (R', C'), sums of weights at the points of a level, and points.
 
     Each point of `grid` counts at the nearest point of the coarser `level`. Where there is no
-    height, the mean is 0, with weight 0. Single points are in the cells of the level, not in these.
+    height, the mean is 0, with weight 0. Single points are not in these.
     """
     index = np.rint(grid.offsets * grid.gsd / level.gsd).astype(np.int64) + level.half_size
     place = (index[:, None] * level.size + index[None, :]).ravel()
@@ -207,7 +207,7 @@ def gathered(
         weight += np.bincount(place, one.weight.ravel(), level.size**2)
         pull += np.bincount(place, (one.weight * np.nan_to_num(one.height)).ravel(), level.size**2)
     mean = np.divide(pull, weight, out=np.zeros_like(pull), where=weight > 0)
-    points = CellHeights.of([one.points for one in constraints if one.points is not None], level)
+    points = PointEquations.of([one.points for one in constraints if one.points is not None], level)
     return mean.reshape(level.shape), weight.reshape(level.shape), points
 
 

@@ -14,9 +14,6 @@ from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
 from spcola.photometry.photoclinometry.surface import Surface
 
-# Upper triangle of (∂h/∂x, ∂h/∂y, h), row by row.
-_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-
 
 @dataclass(frozen=True, eq=False)
 class PointHeights:
@@ -75,98 +72,115 @@ class PointHeights:
 
 
 @dataclass(frozen=True, eq=False)
-class CellHeights:
-    """Normal equations of points in the cells of a grid; a cell is a plane, as for its light.
+class PointEquations:
+    """Normal equations of the heights (R, C) of a grid, from N points in its cells.
+
+    The height of a point changes with those of the four corners of its cell, bilinearly.
 
     Attributes
     ----------
-    normal : (6, R − 1, C − 1) ndarray
-        Upper triangle of the information of (∂h/∂x, ∂h/∂y, h).
+    diagonals : (5, R, C) ndarray
+        Normal matrix, as of :class:`CellSurface`.
     coupled : (G, R, C) ndarray
-        Products of the heights of the points of the grid with the errors that groups share.
+        Products of the heights of the grid with the errors that groups share.
     shared : (G, G) ndarray
         Information on these errors, prior included.
     places : (N, 3) ndarray
-        Of the points in cells of the grid: x, y and height, metres.
+        x, y and height of each point, metres.
     weight : (N,) ndarray
         Of each alone, 1/m².
     group : (N,) integer ndarray
         To which of the G groups each belongs.
-    cell : (N,) integer ndarray
-        Number of the cell of each, row by row.
-    partials : (3, N) ndarray
-        Derivatives of the height of each by ∂h/∂x, ∂h/∂y and h of its cell.
+    corner : (N,) integer ndarray
+        Number of the first corner of the cell of each, row by row.
+    shares : (4, N) ndarray
+        Derivatives of the height of each by those of its corners: the first, the next, below the
+        first, below the next.
     """
 
-    normal: FloatArray
+    diagonals: FloatArray
     coupled: FloatArray
     shared: FloatArray
     places: FloatArray
     weight: FloatArray
     group: IntArray
-    cell: IntArray
-    partials: FloatArray
+    corner: IntArray
+    shares: FloatArray
 
     @classmethod
     def of(cls, points: Sequence[PointHeights], level: MapletGrid) -> Self:
-        """Sum points in the cells of a grid of the same place; those outside do not count."""
-        prior = [0.5 * (one + one.T) for one in (np.linalg.inv(p.covariance) for p in points)]
+        """Sum points over the corners of their cells; those outside the grid do not count."""
+        prior = [np.linalg.inv(one.covariance) for one in points]
+        shared = block_diag(*(0.5 * (one + one.T) for one in prior)) if prior else np.zeros((0, 0))
         first = np.cumsum([0, *(len(one) for one in prior)])
+        groups = [one.group + start for one, start in zip(points, first, strict=False)]
         places = np.concatenate([np.zeros((0, 3)), *(one.places for one in points)])
         weight = np.concatenate([np.zeros(0), *(one.sigma for one in points)]) ** -2.0
-        groups = [one.group + start for one, start in zip(points, first, strict=False)]
         group = np.concatenate([np.zeros(0, dtype=np.int64), *groups])
-        column, row, away_x, away_y = _in_cells(places, level)
-        cells = level.size - 1
-        inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells)
-        places, weight, group = places[inside], weight[inside], group[inside]
-        cell = (row * cells + column)[inside]
-        partials = np.stack([away_x[inside], away_y[inside], np.ones(len(cell))])
-        shared = block_diag(*prior) if prior else np.zeros((0, 0))
+        x, y = places[:, :2].T / level.gsd + level.half_size
+        inside = (x >= 0) & (x < level.size - 1) & (y >= 0) & (y < level.size - 1)
+        x, y, places, weight, group = (one[inside] for one in (x, y, places, weight, group))
+        column, row = x.astype(np.int64), y.astype(np.int64)
+        over, down = x - column, y - row
+        corner = row * level.size + column
+        shares = np.stack(
+            [(1 - over) * (1 - down), over * (1 - down), (1 - over) * down, over * down]
+        )
         coupled = np.zeros((len(shared), *level.shape))
         for number in np.unique(group):
-            own = np.where(group == number, weight, 0.0)
-            coupled[number] = _to_points(_summed(cell, own * partials, cells), level.gsd)
+            coupled[number] = _to_corners(corner, shares * (weight * (group == number)), level)
         return cls(
-            _summed(cell, [weight * partials[a] * partials[b] for a, b in _PAIRS], cells),
+            _products(corner, shares, weight, level),
             coupled,
             shared + np.diag(np.bincount(group, weight, len(shared))),
-            places, weight, group, cell, partials,
+            places, weight, group, corner, shares,
         )  # fmt: skip
 
-    def about(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
-        """Return right-hand sides of changes of a surface (3, R − 1, C − 1), and of groups (G,).
+    @property
+    def occupied(self) -> BoolArray:
+        """Cells (R − 1, C − 1) with points."""
+        rows, columns = self.diagonals.shape[1:]
+        count = np.bincount(self.corner, minlength=rows * columns).reshape(rows, columns)
+        return np.asarray(count[:-1, :-1] > 0)
 
-        Heights of the surface between its points are those of a spline: planes of cells lie above
-        hollows and below tops. Derivatives are those of the planes, so that only cells are coupled;
-        the rounds lead to the spline all the same.
+    def about(self, surface: Surface) -> tuple[FloatArray, FloatArray]:
+        """Return right-hand sides of changes of a surface (R, C), and of groups (G,).
+
+        Between its points the surface is a cubic spline: planes and saddles between four corners
+        lie above hollows and below tops. What the bilinear derivatives miss of a change is less
+        than the change, so that the rounds have it.
         """
         x, y, height = self.places.T
         pull = self.weight * (height - surface.height_at(x, y))
-        right = _summed(self.cell, pull * self.partials, self.normal.shape[1])
+        right = _to_corners(self.corner, self.shares * pull, surface.grid)
         return right, np.bincount(self.group, pull, len(self.shared)).astype(np.float64)
 
 
-def _summed(cell: IntArray, values: Sequence[FloatArray] | FloatArray, cells: int) -> FloatArray:
-    """Return the sums (K, R − 1, C − 1) of K values of points (K, N) in their cells."""
-    sums = [np.bincount(cell, one, cells * cells).reshape(cells, cells) for one in values]
-    return np.array(sums, dtype=np.float64)
+def _to_corners(corner: IntArray, values: FloatArray, level: MapletGrid) -> FloatArray:
+    """Return the sums (R, C) of values (4, N) at the corners of cells of N points."""
+    sums = np.zeros(level.size**2)
+    for value, apart in zip(values, (0, 1, level.size, level.size + 1), strict=True):
+        sums += np.bincount(corner + apart, value, level.size**2)
+    return sums.reshape(level.shape)
 
 
-def _to_points(products: FloatArray, gsd: float) -> FloatArray:
-    """Return products (R, C) with heights of points, of those with slopes and means of cells."""
-    slope_x, slope_y, mean = products
-    points = np.zeros((mean.shape[0] + 1, mean.shape[1] + 1))
-    for row, sign_y in ((slice(None, -1), -1.0), (slice(1, None), 1.0)):
-        for column, sign_x in ((slice(None, -1), -1.0), (slice(1, None), 1.0)):
-            points[row, column] += (sign_x * slope_x + sign_y * slope_y) / (2.0 * gsd) + mean / 4.0
-    return points
+def _products(
+    corner: IntArray, shares: FloatArray, weight: FloatArray, level: MapletGrid
+) -> FloatArray:
+    """Return the normal matrix (5, R, C) of N points, with corners in the order of `shares`."""
+    first, second, below, last = shares
+    size = level.size
 
+    def summed(products: FloatArray, apart: int = 0) -> FloatArray:
+        sums = np.bincount(corner + apart, weight * products, size**2)
+        return sums.reshape(level.shape).astype(np.float64)
 
-def _in_cells(
-    places: FloatArray, level: MapletGrid
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return column and row (N,) of the cell of each place, and how far its middle is, metres."""
-    x, y = places[:, :2].T / level.gsd + level.half_size
-    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    return column, row, (x - column - 0.5) * level.gsd, (y - row - 0.5) * level.gsd
+    return np.stack(
+        [
+            _to_corners(corner, weight * shares**2, level),
+            summed(first * second) + summed(below * last, size),
+            summed(second * below, 1),
+            summed(first * below) + summed(second * last, 1),
+            summed(first * last),
+        ]
+    )

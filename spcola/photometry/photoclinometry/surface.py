@@ -13,6 +13,9 @@ from spcola.grids import MapletGrid
 from spcola.photometry.ground import at_cells
 from spcola.photometry.shadows import Relief
 
+# Points around a grid for a spline: what lies beyond them changes it by less than a hundredth.
+_BORDER = 4
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -48,7 +51,9 @@ class Surface:
 
     @cached_property
     def _spline(self) -> FloatArray:
-        return np.asarray(ndimage.spline_filter(self.height, order=3, mode="nearest"))
+        # Beyond its border the surface goes on as it comes: an edge is no top.
+        wide = np.pad(self.height, _BORDER, mode="reflect", reflect_type="odd")
+        return np.asarray(ndimage.spline_filter(wide, order=3, mode="mirror"))
 
     def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return heights (N,) between points, metres, by a cubic spline.
@@ -56,11 +61,11 @@ class Surface:
         Parameters
         ----------
         x, y : (N,) ndarrays
-            From the centre along Ux and Uy, metres; beyond the grid the nearest height counts.
+            On the grid, from its centre along Ux and Uy, metres.
         """
-        places = [along / self.gsd + self.grid.half_size for along in (y, x)]
+        places = [along / self.gsd + self.grid.half_size + _BORDER for along in (y, x)]
         return np.asarray(
-            ndimage.map_coordinates(self._spline, places, order=3, mode="nearest", prefilter=False)
+            ndimage.map_coordinates(self._spline, places, order=3, mode="mirror", prefilter=False)
         )
 
     def on(self, grid: MapletGrid) -> Surface:

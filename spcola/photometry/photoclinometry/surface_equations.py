@@ -20,7 +20,7 @@ from spcola.photometry.photoclinometry.cell_pixels import UNKNOWNS, WITH_CONTRAS
 from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInformation, CellSurface
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
-from spcola.photometry.photoclinometry.point_heights import CellHeights
+from spcola.photometry.photoclinometry.point_heights import PointEquations
 from spcola.photometry.photoclinometry.surface import Surface, cell_slopes
 
 # Where the six products of (∂h/∂x, ∂h/∂y, h) lie in the upper triangle with the albedo, and where
@@ -167,14 +167,14 @@ class Priors:
         Of the start surface.
     height, weight : (R, C) ndarrays
         Constraining heights, metres, and their weights, 1/m².
-    points : CellHeights
+    points : PointEquations
         Constraining heights of points between those of the grid.
     """
 
     slopes: FloatArray
     height: FloatArray
     weight: FloatArray
-    points: CellHeights
+    points: PointEquations
 
 
 class HeightEquations(CellSurface):
@@ -184,18 +184,20 @@ class HeightEquations(CellSurface):
     ----------
     cells : CellInformation
         Of images and priors.
-    points : CellHeights
+    points : PointEquations
         Their shared errors are eliminated, and are not in the solution: each round finds them anew.
     surface : Surface
         About which heights are solved.
-    weight, right, twist : ndarrays
+    weight, right : (R, C) ndarrays
+        Weights of constraining heights of the grid's points, 1/m², and right-hand sides.
+    twist : (R − 1, C − 1) ndarray
         As of :class:`CellSurface`.
     """
 
     def __init__(
         self,
         cells: CellInformation,
-        points: CellHeights,
+        points: PointEquations,
         surface: Surface,
         weight: FloatArray,
         right: FloatArray,
@@ -203,14 +205,16 @@ class HeightEquations(CellSurface):
     ) -> None:
         self._own = len(cells.nuisance)
         by_points, shared = points.about(surface)
+        known = np.array(points.diagonals)
+        known[0] += weight
         with_points = CellInformation(
-            cells.normal + points.normal,
-            cells.right + by_points,
+            cells.normal,
+            cells.right,
             np.concatenate([cells.coupled, points.coupled]) if len(shared) else cells.coupled,
             block_diag(cells.nuisance, points.shared) if len(shared) else cells.nuisance,
             np.concatenate([cells.nuisance_right, shared]),
         )
-        super().__init__(with_points, surface.gsd, weight, right, twist)
+        super().__init__(with_points, surface.gsd, known, right + by_points, twist)
 
     def solve(self, *, tolerance: float = TOLERANCE) -> tuple[FloatArray, FloatArray]:
         """Return heights (R, C), metres, and nuisance parameters (P,), those of points left out."""
@@ -257,15 +261,14 @@ def height_equations(
     )
 
 
-def _twist_information(points: CellHeights, sigma: float, gsd: float) -> FloatArray:
+def _twist_information(points: PointEquations, sigma: float, gsd: float) -> FloatArray:
     """Return the prior information (R − 1, C − 1), 1/m², on the twist of each cell.
 
-    Points see a cell as a plane, and their noise would go into what only the prior limits. Where
+    Points see little of it, and their noise would go into it: it is that of rough ground. Where
     there are none, errors of brightness are common to many cells: a tight prior turns them into
     errors of heights.
     """
-    with_points = points.normal[-1] > 0.0
-    return (np.where(with_points, min(sigma, _GROUND_TWIST), sigma) * gsd) ** -2
+    return (np.where(points.occupied, min(sigma, _GROUND_TWIST), sigma) * gsd) ** -2
 
 
 def _twist(height: FloatArray) -> FloatArray:

@@ -10,6 +10,8 @@ from spcola.photometry.photoclinometry.cell_surface import CellInformation, Cell
 RNG = np.random.default_rng(5)
 SHAPE, GSD, NUISANCES = (6, 8), 0.5, 3
 CELLS = (5, 7)
+# From a point to itself, the next, below left, below, below right.
+APART = (0, 1, SHAPE[1] - 1, SHAPE[1], SHAPE[1] + 1)
 
 
 def rows_of(i, j):
@@ -29,9 +31,13 @@ def dense():
     matrix, right = np.zeros((points + NUISANCES,) * 2), np.zeros(points + NUISANCES)
     normal, pull = np.zeros((6, *CELLS)), RNG.normal(size=(3, *CELLS))
     coupled = 0.3 * RNG.normal(size=(NUISANCES, *SHAPE))
-    weight, heights = RNG.uniform(0.1, 1.0, SHAPE), RNG.normal(size=SHAPE)
+    known, heights = RNG.uniform(0.0, 0.1, (5, *SHAPE)), RNG.normal(size=SHAPE)
+    known[0] += 1.0
     twist = RNG.uniform(0.5, 1.0, CELLS)
-    matrix[:points, :points] += np.diag(weight.ravel())
+    for apart, diagonal in zip(APART, known, strict=True):
+        rows = np.arange(points - apart)
+        matrix[rows, rows + apart] += diagonal.ravel()[: points - apart]
+        matrix[rows + apart, rows] += (apart > 0) * diagonal.ravel()[: points - apart]
     right[:points] += heights.ravel()
     for i in range(CELLS[0]):
         for j in range(CELLS[1]):
@@ -48,7 +54,7 @@ def dense():
     right[points:] = RNG.normal(size=NUISANCES)
     assert np.linalg.eigvalsh(matrix)[0] > 0.0
     cells = CellInformation(normal, pull, coupled, nuisance, right[points:])
-    return CellSurface(cells, GSD, weight, heights, twist), matrix, right
+    return CellSurface(cells, GSD, known, heights, twist), matrix, right
 
 
 def test_heights_and_nuisance_parameters_solve_the_dense_equations(dense):
@@ -89,8 +95,9 @@ def test_a_direction_of_the_slope_enters_and_the_other_does_not():
     empty = CellInformation(normal, right, np.zeros((0, *SHAPE)), np.zeros((0, 0)), np.zeros(0))
     y, x = np.indices(SHAPE) * GSD
     across = 0.05 * (x - y)
-    weight = np.full(SHAPE, 1e-3)
-    surface = CellSurface(empty, GSD, weight, weight * across, np.full(CELLS, 1e-6))
+    known = np.zeros((5, *SHAPE))
+    known[0] = 1e-3
+    surface = CellSurface(empty, GSD, known, known[0] * across, np.full(CELLS, 1e-6))
     found, _ = surface.solve(tolerance=1e-6)
     rise = 0.5 * slope * (x + y)
     for k in range(1 - SHAPE[0], SHAPE[1]):
