@@ -104,7 +104,7 @@ class PhotoclinometryOptions:
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
     error_factor: float = 1.1
-    bend_sigma: float = 0.15
+    bend_sigma: float = 0.14
     constraint_fraction: float = 1.0
     seed: int = 1
     stereo: bool = True
