@@ -16,13 +16,14 @@ from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutio
 from fusion.runtime import Executor, Progress, json_text
 from fusion.runtime.folders import LOCK_FILE, locked, make_folder
 from fusion.runtime.remaining import Timed
+from fusion.scene import Scene
 from fusion.stages.albedo.landmarks import write_landmarks
 from fusion.stages.albedo.options import AlbedoWork
 from fusion.stages.albedo.placing import placed_mapolas
 from fusion.stages.albedo.result import ALBEDO_FILE, AlbedoResult, Summary, content_of
 from fusion.stages.albedo.sources import AlbedoSources
 from fusion.stages.albedo.surfaces import Surfaces
-from fusion.stages.lithos.sources import registered_scene
+from fusion.stages.lithos.constraining import check_registration
 from fusion.stages.tiling.naming import free_letters, free_names
 from fusion.workspace import Workspace
 from spcola import atomic
@@ -153,7 +154,8 @@ def _mapolas(
     workspace: Workspace, work: AlbedoWork, executor: Executor, progress: Progress
 ) -> tuple[AlbedoSources, Surfaces]:
     """Return the chosen mapolas as maplets where images show them, and the images of all."""
-    scene = registered_scene(workspace, work.accepted)
+    check_registration(workspace, work.accepted)
+    scene = Scene.of(workspace, light="none")
     grids = scene.mapola_grids
     chosen = work.subset.chosen(grids, {name: grid.center for name, grid in grids.items()})
     sources = AlbedoSources.of(workspace, list(grids.values()), _items(workspace, work), work)

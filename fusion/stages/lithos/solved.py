@@ -73,7 +73,7 @@ def lithos_solution(
     made_by = MadeBy(options.purpose.value, {}, facts, sources.input_digests(names))
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
-        content = content_of(found, options.as_json(), sources.constraint_names)
+        content = content_of(found, options.as_json(), sources.heights.names)
         atomic.write_text(folder / workspace.photoclinometry_path.name, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:

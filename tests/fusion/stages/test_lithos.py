@@ -170,7 +170,7 @@ def test_with_the_lidar_in_every_round_slopes_are_better_than_with_images_alone(
     before = digests(root)
     content = called("fuse", root, "--from", "images", *only(*SOME[:2]))
     assert content["solution"] == "spcola-1"
-    assert content["options"]["constraints"] == ["shape", "overlaps", "coarser", "lidar"]
+    assert content["options"]["constraints"] == ["shape", "overlaps", "coarser", "returns"]
     assert content["options"]["start"] == "maplet"
     for name in SOME[:2]:
         assert slope_error(mission, "spcola-1", name) < 0.9 * slope_error(mission, "images", name)
@@ -197,7 +197,7 @@ def test_a_registration_that_may_not_be_used_is_refused(mission, tmp_path):
     path.write_text(json.dumps(content))
     given = ("fuse", root, "--from", "images", *only(SOME[0]))
     assert "--accept strain" in refused(*given)
-    assert called(*given, "--accept", "strain")["options"]["constraints"][-1] == "lidar"
+    assert called(*given, "--accept", "strain")["options"]["constraints"][-1] == "returns"
 
 
 def test_maplets_around_hide_and_shade_a_maplet(mission, tmp_path):
