@@ -8,6 +8,7 @@ from spcola.grids.bending import (
     BENDING_RANGE_NOISE,
     CELL_SHARE,
     bending,
+    bending_around,
     bending_range,
 )
 
@@ -20,6 +21,16 @@ def test_bending_of_a_quadric_is_exact_and_planes_have_none():
     np.testing.assert_allclose(inner, 2.0 * (0.3 - 0.1), atol=1e-12)
     np.testing.assert_allclose(bending_range(quadric), 0.0, atol=1e-12)
     assert np.isnan(bending(quadric)[0]).all()
+
+
+def test_bending_around_points_is_known_to_the_border():
+    quadric = 0.3 * X**2 - 0.1 * Y**2 + 4.0 * X + 7.0
+    np.testing.assert_allclose(bending_around(quadric)[3:-3, 3:-3], 0.4, atol=1e-12)
+    np.testing.assert_allclose(bending_around(4.0 * X - Y), 0.0, atol=1e-12)
+    one = np.zeros((9, 9))
+    one[4, 4] = 3.0
+    # Of the 3 x 3 points around, -4 in the middle, -1 at the sides, 2 at the corners.
+    assert bending_around(one)[4, 4] == pytest.approx(np.sqrt((16 + 4 * 1 + 4 * 4) / 9))
 
 
 def test_a_gap_makes_the_points_next_to_it_unknown():
