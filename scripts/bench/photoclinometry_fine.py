@@ -16,7 +16,7 @@ import argparse
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.heights.slopes import slopes_of
 from spcola.imagematching import ChoiceOptions
 from spcola.truth.body import TruthBody
+from spcola.truth.solution import heights_in_frame
 
 # Points at the edges of maplets that are not compared: their slopes are one-sided.
 EDGE = 4
@@ -90,12 +91,15 @@ def solved(work: Path, seed: int, gsd: float, radius: float, places: int) -> tup
 
 
 def errors(
-    surfaces: Sequence[Maplet], truths: Sequence[np.ndarray]
+    surfaces: Sequence[tuple[Maplet, np.ndarray]],
 ) -> tuple[float, float, float, float, float]:
-    """Return rms of heights (m) and slopes (degrees), pull, shares within 1 and 2 sigmas."""
+    """Return rms of heights (m) and slopes (degrees), pull, shares within 1 and 2 sigmas.
+
+    `surfaces` are maplets, each with its true heights.
+    """
     inner = slice(EDGE, -EDGE)
     heights, slopes, pulls = [], [], []
-    for surface, truth in zip(surfaces, truths, strict=True):
+    for surface, truth in surfaces:
         gsd = surface.grid.gsd
         heights.append((surface.height - truth)[inner, inner].ravel())
         wrong = np.array(slopes_of(surface.height, gsd)) - np.array(slopes_of(truth, gsd))
@@ -115,32 +119,27 @@ def compared(root: Path, names: list[str], seed: int) -> Iterator[str]:
     found = Workspace.open(root, "images").read_json("photoclinometry.json")["maplets"]
     names = [name for name in names if found[name]["outcome"] != "too-few-images"]
     yield f"{len(names)} solved by images alone"
-    body, back = TruthBody(settings.body), settings.to_spc.inverse()
+    body = TruthBody(settings.body)
 
-    def truth(name: str) -> np.ndarray:
-        maplet = space.maplet(name)
-        grid = maplet.grid
-        there = MapletGrid(
-            back.apply(grid.center), back.turn(grid.axes), grid.gsd * back.scale, grid.half_size
+    def judged(surfaces: Iterable[Maplet]) -> tuple[float, float, float, float, float]:
+        return errors(
+            [(one, heights_in_frame(body, one.grid, settings.to_spc)) for one in surfaces]
         )
-        return body.heights_near(there, maplet.height) / back.scale
 
-    truths = [truth(name) for name in names]
-    rows = {"shape": errors([space.maplet(name) for name in names], truths)}
     scene = Scene.of(space, light="none")
-    rows["mapolas"] = errors(
-        [
+    lidar = {name: scene.lidar(name, space.maplet(name).grid) for name in names}
+    rows = {
+        "shape": judged(space.maplet(name) for name in names),
+        "mapolas": judged(
             Maplet(name, space.maplet(name).grid, found.height, sigma=found.sigma)
-            for name in names
-            for found in [scene.lidar(name, space.maplet(name).grid)]
-        ],
-        truths,
-    )
-    rows["fused maplets"] = errors([space.fused(name) for name in names], truths)
+            for name, found in lidar.items()
+        ),
+        "fused maplets": judged(space.fused(name) for name in names),
+    }
     for title, (solution, _) in SOLUTIONS.items():
         made = Workspace.open(root, solution)
         outcomes = made.read_json("photoclinometry.json")["outcomes"]
-        rows[title] = errors([made.maplet(name) for name in names], truths)
+        rows[title] = judged(made.maplet(name) for name in names)
         yield f"  {title}: {json.dumps(outcomes)}"
     yield f"{'':18}{'heights':>9}{'slopes':>8}{'pull':>7}{'1 sigma':>9}{'2 sigma':>9}"
     for title, (height, slope, pull, one, two) in rows.items():

@@ -24,22 +24,27 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from real.moon import MOON, agreed_radius, boresight, with_sigmas
 from real.predicted import pairs_of
 from real.printed import print_albedo, print_map, print_pairs, write_page
-from scipy.ndimage import map_coordinates
+from real.summaries import (
+    UNSOLVED,
+    print_outcomes,
+    print_photometry,
+    print_slopes_by_sun,
+    print_states,
+)
 
 from fusion.scene import Exposures
 from fusion.workspace import Workspace
-from spcola.camera import SpcImage, project_image, ray
+from spcola.camera import SpcImage, project_image
 from spcola.formats.shapes import write_icq
 from spcola.formats.solution import read_landmark, read_summary, write_summary
-from spcola.grids import Maplet
 from spcola.photometry.functions import photometric_function
 from spcola.shape import RayCaster
 from spcola.shape.icq import IcqShape, icq_directions
@@ -53,11 +58,6 @@ size = [512, 512]
 # What the frames of 67P fit best: see --gammas.
 GAMMA = 2
 TENTH = 10
-MOON = 1_737_400.0
-# Sigmas of the states of Apollo's labels: the rays of three frames miss each other by 3 pixels.
-MOON_SIGMA_M, MOON_SIGMA_PX = 300.0, 3.0
-# Outcomes that keep the start.
-_UNSOLVED = ("too-few-images", "diverged")
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Run:
         step = max(1, len(names) // self.maplets) if self.maplets else 1
         only = [word for name in names[::step] for word in ("--only", name)]
         found = self.spcola("spc", "lithos", root, *words, *only, "--as", "images")
-        _print_outcomes(found)
+        print_outcomes(found)
         return found, start, Workspace.open(root, "images")
 
 
@@ -117,7 +117,7 @@ def comet(run: Run) -> None:
         for name, some in (("67p", kept), ("67p-left-out", frames[::TENTH]))
     ]
     for root in roots:
-        _print_states(run.spcola("spc", "register", root, "--as", "registered"))
+        print_states(run.spcola("spc", "register", root, "--as", "registered"))
         run.spcola("solution", "use", root, "registered", parallel=False)
     root = roots[0]
     tiled = run.spcola(
@@ -125,7 +125,7 @@ def comet(run: Run) -> None:
     )
     print(f"  {tiled['maplets']} maplets, {tiled['without_pictures']} without images")
     run.spcola("solution", "use", root, "tiles", parallel=False)
-    setting = _print_photometry(run.spcola("photometry", "fit", root))
+    setting = print_photometry(run.spcola("photometry", "fit", root))
     content, start, images = run.solved(root, "--photometry", setting)
     held = _exposed(Workspace.open(roots[1]))
     _print_left_out(run, "67P", setting, content, (start, images), held)
@@ -176,7 +176,7 @@ def vesta(run: Run) -> None:
             "images", root, *some, "--states", "colmap", "--model", folder, "--times",
             folder / "frames.csv",
         )  # fmt: skip
-        _print_states(run.spcola("spc", "register", root, "--as", "registered"))
+        print_states(run.spcola("spc", "register", root, "--as", "registered"))
         run.spcola("solution", "use", root, "registered", parallel=False)
         roots.append(root)
     first = Workspace.open(roots[0])
@@ -200,7 +200,7 @@ def moon(run: Run) -> None:
     run.spcola("init", trial, "--body", "Moon", "--shape", ball, parallel=False)
     run.spcola("images", trial, *cubes, "--states", "label")
     images = _exposed(Workspace.open(trial))
-    radius = _agreed_radius(images)
+    radius = agreed_radius(images)
     print(f"  the crops agree best on a sphere {radius - MOON:+.0f} m above {MOON:.0f} m")
     shape = run.work / "moon-agreed.txt"
     write_icq(shape, IcqShape(radius * icq_directions(48)), digits=9)
@@ -210,15 +210,15 @@ def moon(run: Run) -> None:
     workspace = Workspace.open(root)
     for image in workspace.images():
         path = workspace.image_path(image.name)
-        stated = _with_sigmas(read_summary(path))
+        stated = with_sigmas(read_summary(path))
         path.unlink()
         write_summary(path, stated)
     caster = RayCaster(workspace.shape())
-    middle = caster.cast(*_boresight(images[1])).points[0]
+    middle = caster.cast(*boresight(images[1])).points[0]
     latitude, longitude = _degrees(middle)
     _tile(run, root, f"{latitude:.4f},{longitude:.4f},18000", 130)
     content, start, after = run.solved(root, "--shape-sigma", 1000)
-    _print_slopes_by_sun(after, content)
+    print_slopes_by_sun(after, content)
     function = content["options"]["photometry"]
     _print_left_out(run, "Moon", function, content, (start, after), images[1:2])
 
@@ -258,46 +258,6 @@ def _exposed(workspace: Workspace) -> list[SpcImage]:
     return [exposed(image) for image in workspace.images()]
 
 
-def _print_states(found: dict[str, Any]) -> None:
-    pixel, line = found["moved_rms_px"]
-    sigma = np.median([np.mean(one["sigma_px"]) for one in found["images"].values()
-                       if one["sigma_px"]])  # fmt: skip
-    print(
-        f"  states: {found['outcomes']}; moved {pixel:.2f}, {line:.2f} px rms (sigma {sigma:.2f}); "
-        f"correlation {found['correlation_start']:.3f} → {found['correlation']:.3f}; ranges × "
-        f"{found['range_ratio']:.4f} ± {found['range_ratio_scatter']:.4f}"
-    )
-
-
-def _print_photometry(found: dict[str, Any]) -> str:
-    (one,) = found["filters"]
-    functions = {each["name"]: each for each in one["functions"]}
-    for name, each in functions.items():
-        print(f"    {name}: residual {each['residual_std']:.2%}, worse by {each['worse_by']:.1f} σ")
-    setting = str(one["setting"])
-    print(f"  photometric function: {setting}")
-    return setting
-
-
-def _print_outcomes(found: dict[str, Any]) -> None:
-    solved = [one for one in found["maplets"].values() if one["outcome"] not in _UNSOLVED]
-    print(f"  outcomes: {found['outcomes']}")
-    if not solved:
-        return
-    directions = np.mean([one["directions"] for one in solved], axis=0)
-    fits = [fit for one in solved for fit in one["images"].values() if fit["fit"] == "used"]
-    shift = np.sqrt(np.mean([np.square(fit["shift_px"]) for fit in fits], axis=0))
-    print(
-        f"  residual of brightness {found['residual_start']:.1%} → {found['residual']:.1%}; "
-        f"correlation {np.median([fit['correlation'] for fit in fits]):.3f}; shifts "
-        f"{shift[0]:.2f}, {shift[1]:.2f} px rms; sigma of heights "
-        f"{np.median([one['sigma_m'] for one in solved]):.2f} m; slopes determined in 0, 1, 2 "
-        f"directions: {', '.join(f'{share:.0%}' for share in directions)}"
-    )
-    for one in found["findings"]:
-        print(f"    {one['code']}: {len(one['names'])} ({', '.join(one['names'][:3])})")
-
-
 def _print_left_out(
     run: Run,
     title: str,
@@ -307,7 +267,7 @@ def _print_left_out(
     held: list[SpcImage],
 ) -> None:
     """Print what the maplets predict for frames that were left out, and the albedo."""
-    names = [n for n, one in content["maplets"].items() if one["outcome"] not in _UNSOLVED]
+    names = [n for n, one in content["maplets"].items() if one["outcome"] not in UNSOLVED]
     start, solved = ({n: some.maplet(n) for n in names} for some in solutions)
     if not names:
         return
@@ -327,30 +287,6 @@ def _print_left_out(
     write_page(run.work / f"{title.lower()}.html", f"{title}: left-out frames", pairs)
 
 
-def _print_slopes_by_sun(after: Workspace, content: dict[str, Any]) -> None:
-    """Print rms slopes along the Sun and across it: one Sun determines the first alone."""
-    sun = np.mean([image.sun for image in after.images()], axis=0)
-    found = []
-    for name, one in content["maplets"].items():
-        if one["outcome"] in _UNSOLVED:
-            continue
-        found.append(_slopes_along(after.maplet(name), sun))
-    if found:
-        along, across = np.sqrt(np.mean(np.square(found), axis=0))
-        print(
-            f"  rms slopes along the Sun {np.degrees(np.arctan(along)):.1f}°, across it "
-            f"{np.degrees(np.arctan(across)):.1f}°, from a start without relief"
-        )
-
-
-def _slopes_along(maplet: Maplet, sun: np.ndarray) -> tuple[float, float]:
-    way = (maplet.grid.axes @ sun)[:2]
-    way /= np.linalg.norm(way)
-    by_y, by_x = np.gradient(maplet.height, maplet.grid.gsd)
-    along, across = way[0] * by_x + way[1] * by_y, way[0] * by_y - way[1] * by_x
-    return float(np.nanstd(along)), float(np.nanstd(across))
-
-
 def _lit_place(images: Sequence[SpcImage], caster: RayCaster) -> tuple[float, float]:
     """Return where the ground is that all images see in good light, degrees."""
     toward = sum(image.position / np.linalg.norm(image.position) + image.sun for image in images)
@@ -363,48 +299,6 @@ def _degrees(point: np.ndarray) -> tuple[float, float]:
     x, y, z = point
     latitude = np.degrees(np.arctan2(z, np.hypot(x, y)))
     return float(latitude), float(np.degrees(np.arctan2(y, x)) % 360.0)
-
-
-def _boresight(image: SpcImage) -> tuple[np.ndarray, np.ndarray]:
-    middle = (image.camera.width + 1) / 2.0, (image.camera.height + 1) / 2.0
-    return image.position, ray(image, [middle[0]], [middle[1]])
-
-
-def _with_sigmas(image: SpcImage) -> SpcImage:
-    """Return an image with the sigmas of Apollo's labels."""
-    angle = MOON_SIGMA_PX * image.camera.pixel_angle
-    return replace(image, scobj_sigma=np.full(3, MOON_SIGMA_M), pointing_sigma=np.full(3, angle))
-
-
-def _agreed_radius(images: Sequence[SpcImage]) -> float:
-    """Return the radius of the sphere on which neighbouring frames look most alike."""
-    start, way = _boresight(images[1])
-    caster = RayCaster(IcqShape(MOON * icq_directions(48)).mesh())
-    middle = caster.cast(start, way).points[0]
-    up = middle / np.linalg.norm(middle)
-    east = np.cross([0.0, 0.0, 1.0], up)
-    east /= np.linalg.norm(east)
-    steps = np.arange(-90, 91) * 130.0
-    flat = steps[:, None, None] * np.cross(up, east) + steps[None, :, None] * east + middle
-    ways = flat / np.linalg.norm(flat, axis=-1, keepdims=True)
-    scores = {}
-    for rise in np.arange(-8000.0, 12001.0, 250.0):
-        seen = [_sampled(image, (MOON + rise) * ways) for image in images]
-        scores[MOON + rise] = np.mean([_alike(a, b) for a, b in pairwise(seen)])
-    return float(max(scores, key=scores.__getitem__))
-
-
-def _sampled(image: SpcImage, points: np.ndarray) -> np.ndarray:
-    assert image.pixels is not None
-    pixel, line = project_image(image, points)
-    return map_coordinates(
-        np.asarray(image.pixels, dtype=np.float64), [line - 1.0, pixel - 1.0], order=1, cval=np.nan
-    )
-
-
-def _alike(one: np.ndarray, other: np.ndarray) -> float:
-    both = np.isfinite(one) & np.isfinite(other)
-    return float(np.corrcoef(one[both], other[both])[0, 1]) if np.count_nonzero(both) > 99 else -1.0
 
 
 PARTS = {"67p": comet, "apollo15": moon, "vesta": vesta, "landmarks": landmarks}
