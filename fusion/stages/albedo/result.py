@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fusion.runtime.findings import finding_lines
 from fusion.stages.albedo.placing import PlacedMapola
-from fusion.stages.lithos.result import WHAT_TO_DO, fit_json, image_json
+from fusion.stages.lithos.fits import Summary, fits_by_image, fits_json, images_json, mostly
+from fusion.stages.lithos.result import WHAT_TO_DO
+from fusion.stages.solution_result import SolutionResult, counted, use_line
 from spcola.math.robust import mad
 from spcola.photometry.albedo import AlbedoOutcome, AlbedoSolution
 from spcola.photometry.photoclinometry import Fit, ImageFit
@@ -49,24 +48,12 @@ _OUTCOMES: Mapping[AlbedoOutcome, str] = {
 _UNPLACED = "not-in-images"
 
 
-@dataclass(frozen=True)
-class AlbedoResult:
+class AlbedoResult(SolutionResult):
     """Albedo of maplets or mapolas in a new solution, or of bigmaps.
 
-    Attributes
-    ----------
-    solution, parent : str
-        The same for bigmaps: they stay in their solution.
-    folder : Path
-        Where ``albedo.json`` is.
-    content : mapping
-        Of this file.
+    `content` is of ``albedo.json``, in `folder`. Bigmaps stay in their solution: `solution` and
+    `parent` are the same.
     """
-
-    solution: str
-    parent: str
-    folder: Path
-    content: Mapping[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content of ``--json``."""
@@ -77,9 +64,8 @@ class AlbedoResult:
         """Return the lines to print."""
         what = self.content["options"]["of"]
         surfaces = self.content["surfaces"].values()
-        counts = ", ".join(f"{n} {outcome}" for outcome, n in self.content["outcomes"].items())
         whole = "" if what == "bigmaps" else f"solution {self.solution}, from {self.parent}: "
-        lines = [f"{whole}albedo of {len(surfaces)} {what}, {counts}"]
+        lines = [f"{whole}albedo of {len(surfaces)} {what}, {self.counts}"]
         solved = [one for one in surfaces if one["share"]]
         if solved:
             before, after, share, scatter, sigma = (
@@ -97,30 +83,12 @@ class AlbedoResult:
         lines += finding_lines(self.content["findings"])
         if what == "bigmaps":
             return [*lines, f"  {self.folder}"]
-        root = self.folder.parent.parent
-        return [*lines, f"  for all commands: spcola solution use {root} {self.solution}"]
+        return [*lines, use_line(self.folder)]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What is kept in memory of a surface: not its layers.
-
-    Parameters
-    ----------
-    outcome : AlbedoOutcome
-    images : tuple of ImageFit
-    content : mapping
-        In JSON types.
-    """
-
-    outcome: AlbedoOutcome
-    images: tuple[ImageFit, ...]
-    content: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, found: AlbedoSolution, known: int, placed: PlacedMapola | None = None) -> Summary:
-        """Return the summary of a surface with so many `known` heights."""
-        return cls(found.outcome, found.images, _surface_json(found, known, placed))
+def summary_of(found: AlbedoSolution, known: int, placed: PlacedMapola | None = None) -> Summary:
+    """Return the summary of a surface with so many `known` heights."""
+    return Summary(found.outcome, found.images, _surface_json(found, known, placed))
 
 
 def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict[str, Any]:
@@ -133,20 +101,17 @@ def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict
     options : mapping
         In JSON types.
     """
-    by_image: dict[str, list[ImageFit]] = defaultdict(list)
-    for one in found.values():
-        for fit in one.images:
-            by_image[fit.name].append(fit)
+    by_image = fits_by_image(found.values())
     solved = [one.content for one in found.values() if one.content["share"]]
     return {
         "options": dict(options),
-        "outcomes": dict(sorted(Counter(str(one.outcome) for one in found.values()).items())),
+        "outcomes": counted(one.outcome for one in found.values()),
         **{
             key: float(np.median([one[key] for one in solved])) if solved else None
             for key in ("residual_start", "residual")
         },
         "surfaces": {name: one.content for name, one in found.items()},
-        "images": {name: image_json(fits) for name, fits in sorted(by_image.items())},
+        "images": images_json(by_image),
         "findings": _findings(found, by_image),
     }
 
@@ -162,7 +127,7 @@ def _surface_json(found: AlbedoSolution, known: int, placed: PlacedMapola | None
         "scatter": float(mad(found.albedo)) / found.mean if some else None,
         "sigma": float(np.median(found.sigma[solved])) if some else None,
         "changes": list(found.changes),
-        "images": {fit.name: fit_json(fit) for fit in found.images},
+        "images": fits_json(found.images),
     }
     if placed is None:
         return content
@@ -187,10 +152,6 @@ def _findings(
         _UNPLACED, unplaced, "images do not show them where they may be: their "
         "centres are the registration's"
     ))  # fmt: skip
-    doubtful = [
-        name
-        for name, fits in sorted(by_image.items())
-        if sum(fit.fit is Fit.CONTRADICTS for fit in fits) > 0.5 * len(fits)
-    ]
+    doubtful = mostly(Fit.CONTRADICTS, by_image)
     named.append((str(Fit.CONTRADICTS), doubtful, WHAT_TO_DO[Fit.CONTRADICTS]))
     return [{"code": code, "names": names, "do": do} for code, names, do in named if names]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,11 @@ from fusion.scene import Scene
 from fusion.stages.albedo.landmarks import write_landmarks
 from fusion.stages.albedo.options import AlbedoWork
 from fusion.stages.albedo.placing import placed_mapolas
-from fusion.stages.albedo.result import ALBEDO_FILE, AlbedoResult, Summary, content_of
+from fusion.stages.albedo.result import ALBEDO_FILE, AlbedoResult, content_of, summary_of
 from fusion.stages.albedo.sources import AlbedoSources
 from fusion.stages.albedo.surfaces import Surfaces
 from fusion.stages.lithos.constraining import check_registration
+from fusion.stages.lithos.fits import Summary
 from fusion.stages.tiling.naming import free_letters, free_names
 from fusion.workspace import Workspace
 from spcola import atomic
@@ -75,7 +75,7 @@ def albedo_solution(
         If mapolas are asked for, and their registration may not be used.
     """
     if (made := solutions_of(workspace).of_job(job)) is not None:
-        return _result(workspace, made.name, made.parent)
+        return AlbedoResult.read(workspace, made.name, made.parent, ALBEDO_FILE)
     chosen = new_name(workspace, name, _STEM)
     started = time.time()
     make = _mapolas if work.ground == "mapolas" else _maplets
@@ -93,7 +93,7 @@ def albedo_solution(
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not work.subset:
         sources.items.remove_unused(started)
-    return _result(workspace, chosen, workspace.solution)
+    return AlbedoResult.read(workspace, chosen, workspace.solution, ALBEDO_FILE)
 
 
 def albedo_of_bigmaps(
@@ -195,10 +195,4 @@ def _solved(
                 surfaces.write(folder, name, found)
             task.advance_one(spent)
             known = int(np.count_nonzero(surfaces.read(name).valid))
-            yield name, Summary.of(found, known, surfaces.placed.get(name))
-
-
-def _result(workspace: Workspace, name: str, parent: str) -> AlbedoResult:
-    """Return what a solution's file has."""
-    made = replace(workspace, solution=name)
-    return AlbedoResult(name, parent, made.home, made.read_json(ALBEDO_FILE))
+            yield name, summary_of(found, known, surfaces.placed.get(name))

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fusion.runtime.findings import finding_lines
 from fusion.stages.lithos.constraint_findings import constraint_findings
+from fusion.stages.lithos.fits import (
+    Summary,
+    fits_by_image,
+    fits_json,
+    goodness,
+    images_json,
+    known_median,
+    mostly,
+)
 from fusion.stages.lithos.outliers import outlier_findings
+from fusion.stages.solution_result import SolutionResult, counted, use_line
 from spcola.photometry.photoclinometry import Fit, ImageFit, Outcome, Photoclinometry
 
 PHOTOCLINOMETRY_KEYS = {
@@ -67,38 +74,21 @@ WHAT_TO_DO: Mapping[Outcome | Fit, str] = {
 }
 
 
-@dataclass(frozen=True)
-class LithosResult:
-    """A new solution with maplets from images.
-
-    Attributes
-    ----------
-    solution, parent : str
-    folder : Path
-    content : mapping
-        Of ``photoclinometry.json``.
-    """
-
-    solution: str
-    parent: str
-    folder: Path
-    content: Mapping[str, Any]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the content of ``--json``."""
-        return {"solution": self.solution, "parent": self.parent, **self.content}
+class LithosResult(SolutionResult):
+    """A new solution with maplets from images; `content` is of ``photoclinometry.json``."""
 
     def lines(self) -> list[str]:
         """Return the lines to print."""
         maplets = self.content["maplets"].values()
-        counts = ", ".join(f"{n} {outcome}" for outcome, n in self.content["outcomes"].items())
         solved = [one for one in maplets if one["rounds"]]
-        lines = [f"solution {self.solution}, from {self.parent}: {len(maplets)} maplets, {counts}"]
+        lines = [
+            f"solution {self.solution}, from {self.parent}: {len(maplets)} maplets, {self.counts}"
+        ]
         if solved:
             # Images may show enough ground of a start or of its solution only, and a maplet that
             # diverged keeps its start, which may have no sigma.
             before, after, sigma = (
-                _median(one[key] for one in solved)
+                known_median(one[key] for one in solved)
                 for key in ("residual_start", "residual", "sigma_m")
             )
             lines.append(
@@ -107,30 +97,12 @@ class LithosResult:
             )
             lines += _worst_lines(self.content)
         lines += finding_lines(self.content["findings"])
-        root = self.folder.parent.parent
-        return [*lines, f"  for all commands: spcola solution use {root} {self.solution}"]
+        return [*lines, use_line(self.folder)]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What is kept in memory of a maplet: not its layers.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    images : tuple of ImageFit
-    content : mapping
-        In JSON types.
-    """
-
-    outcome: Outcome
-    images: tuple[ImageFit, ...]
-    content: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, found: Photoclinometry) -> Summary:
-        """Return the summary of a maplet."""
-        return cls(found.outcome, found.images, _maplet_json(found))
+def summary_of(found: Photoclinometry) -> Summary:
+    """Return the summary of a maplet."""
+    return Summary(found.outcome, found.images, _maplet_json(found))
 
 
 def content_of(
@@ -147,26 +119,18 @@ def content_of(
     given : sequence of str
         Names of the constraints that do not come from other maplets or the shape.
     """
-    by_image: dict[str, list[ImageFit]] = defaultdict(list)
-    for one in found.values():
-        for fit in one.images:
-            by_image[fit.name].append(fit)
+    by_image = fits_by_image(found.values())
     solved = [one.content for one in found.values() if one.content["rounds"]]
     maplets = {name: one.content for name, one in found.items()}
     return {
         "options": dict(options),
-        **{key: _median(one[key] for one in solved) for key in ("residual_start", "residual")},
-        "shift_m": _goodness([fit for fits in by_image.values() for fit in fits])["shift_m"],
-        "outcomes": dict(sorted(Counter(str(one.outcome) for one in found.values()).items())),
+        **{key: known_median(one[key] for one in solved) for key in ("residual_start", "residual")},
+        "shift_m": goodness([fit for fits in by_image.values() for fit in fits])["shift_m"],
+        "outcomes": counted(one.outcome for one in found.values()),
         "maplets": maplets,
-        "images": {name: image_json(fits) for name, fits in sorted(by_image.items())},
+        "images": images_json(by_image),
         "findings": [*_findings(found, by_image), *constraint_findings(maplets, given)],
     }
-
-
-def _median(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None and np.isfinite(value)]
-    return float(np.median(known)) if known else None
 
 
 def _shown(value: float | None, form: str, unit: str = "") -> str:
@@ -198,7 +162,7 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
         "outcome": str(one.outcome),
         "reason": one.reason,
         "residual_start": one.rounds[0].residual if one.rounds else None,
-        **_goodness(one.images),
+        **goodness(one.images),
         "sigma_m": float(np.median(known)) if known.size else None,
         "directions": shares.tolist(),
         "light_ratio": one.light_ratio if np.isfinite(one.light_ratio) else None,
@@ -215,49 +179,7 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
             }
             for fit in one.constraints
         },
-        "images": {fit.name: fit_json(fit) for fit in one.images},
-    }
-
-
-def fit_json(fit: ImageFit) -> dict[str, Any]:
-    """Return how an image fits one maplet, in JSON types."""
-    return {
-        "fit": str(fit.fit),
-        "scale": fit.scale,
-        "shift_px": list(fit.shift_px),
-        "residual": fit.residual,
-        "correlation": fit.correlation,
-        "pixels": fit.pixels,
-        "gradient": list(fit.gradient),
-        "noise": fit.noise,
-        "pixel_m": fit.pixel_m,
-    }
-
-
-def image_json(fits: list[ImageFit]) -> dict[str, Any]:
-    """Goodness of fit of an image over all maplets (Gaskell et al., §3.1)."""
-    return {
-        "maplets": sum(fit.fit is not Fit.NOT_SEEN for fit in fits),
-        **_goodness(fits),
-        "fits": dict(sorted(Counter(str(fit.fit) for fit in fits).items())),
-    }
-
-
-def _goodness(fits: Sequence[ImageFit]) -> dict[str, float | None]:
-    """Return the goodness of fit of a maplet or an image: of its brightness, and of its place.
-
-    Shifts are observed less predicted places, whose root mean square is the goodness of fit of
-    Gaskell et al., §3.1.
-    """
-    seen = [fit for fit in fits if fit.fit is not Fit.NOT_SEEN]
-    squares = [float(np.sum(np.square(fit.shift_px))) for fit in seen]
-    ground = [square * fit.pixel_m**2 for square, fit in zip(squares, seen, strict=True)]
-    return {
-        "residual": _median(fit.residual for fit in seen),
-        "noise_ratio": _median(fit.residual / fit.noise for fit in seen if fit.noise > 0.0),
-        "correlation": _median(fit.correlation for fit in seen),
-        "shift_px": float(np.sqrt(np.mean(squares))) if seen else None,
-        "shift_m": float(np.sqrt(np.mean(ground))) if seen else None,
+        "images": fits_json(one.images),
     }
 
 
@@ -269,11 +191,7 @@ def _findings(
     for code in _MAPLET_CODES:
         named[code] = [name for name, one in found.items() if one.outcome is code]
     for kind in (Fit.SUN_REVERSED, Fit.CONTRADICTS):
-        named[kind] = [
-            name
-            for name, fits in sorted(by_image.items())
-            if sum(fit.fit is kind for fit in fits) > 0.5 * len(fits)
-        ]
+        named[kind] = mostly(kind, by_image)
     listed = [
         {"code": str(code), "names": names, "do": WHAT_TO_DO[code]}
         for code, names in named.items()

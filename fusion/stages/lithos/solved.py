@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,9 @@ from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
 from fusion.runtime import Executor, Progress, json_text
 from fusion.runtime.remaining import Timed
+from fusion.stages.lithos.fits import Summary
 from fusion.stages.lithos.options import LithosOptions
-from fusion.stages.lithos.result import LithosResult, Summary, content_of
+from fusion.stages.lithos.result import LithosResult, content_of, summary_of
 from fusion.stages.lithos.sources import LithosSources
 from fusion.workspace import Workspace
 from spcola import atomic
@@ -60,8 +60,9 @@ def lithos_solution(
     RejectedResultError
         If the lidar is asked for, and its registration may not be used.
     """
+    file = workspace.photoclinometry_path.name
     if (made := solutions_of(workspace).of_job(job)) is not None:
-        return _result(workspace, made.name, made.parent)
+        return LithosResult.read(workspace, made.name, made.parent, file)
     chosen = new_name(workspace, name, options.purpose.stem)
     started = time.time()
     # A solution with the lidar keeps its own: a run of the other command does not remove them.
@@ -74,17 +75,11 @@ def lithos_solution(
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
         content = content_of(found, options.as_json(), sources.heights.names)
-        atomic.write_text(folder / workspace.photoclinometry_path.name, json_text(content))
+        atomic.write_text(folder / file, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:
         items.remove_unused(started)
-    return _result(workspace, chosen, workspace.solution)
-
-
-def _result(workspace: Workspace, name: str, parent: str) -> LithosResult:
-    """Return what a solution's file has."""
-    made = replace(workspace, solution=name)
-    return LithosResult(name, parent, made.home, made.read_json(made.photoclinometry_path.name))
+    return LithosResult.read(workspace, chosen, workspace.solution, file)
 
 
 def _solved(
@@ -107,4 +102,4 @@ def _solved(
                 # One of the parent's albedo would be linked.
                 write_albedo_sigma(path, found.point_albedo_sigma)
             task.advance_one(spent)
-            yield name, Summary.of(found)
+            yield name, summary_of(found)

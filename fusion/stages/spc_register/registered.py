@@ -102,7 +102,7 @@ def register_states(
         If an image that is named has no pixels or no state.
     """
     if (made := solutions_of(workspace).of_job(job)) is not None:
-        return _result(workspace, made.name, made.parent)
+        return StatesResult.read(workspace, made.name, made.parent, STATES_FILE)
     chosen = new_name(workspace, name, "registered")
     names = _images(workspace, options)
     if not workspace.has_shape():
@@ -123,13 +123,7 @@ def register_states(
         facts |= {key: content[key] for key in ("outcomes", "correlation_start", "correlation")}
     if not options.only:
         items.remove_unused(started)
-    return _result(workspace, chosen, workspace.solution)
-
-
-def _result(workspace: Workspace, name: str, parent: str) -> StatesResult:
-    """Return what a solution's file has."""
-    made = replace(workspace, solution=name)
-    return StatesResult(name, parent, made.home, made.read_json(STATES_FILE))
+    return StatesResult.read(workspace, chosen, workspace.solution, STATES_FILE)
 
 
 def _placed(

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fusion.runtime.findings import finding_lines
+from fusion.stages.solution_result import SolutionResult, counted, use_line
 from spcola.arrays import FloatArray
 from spcola.imagematching.frames.fitting import FittedFrame
 
@@ -104,32 +103,16 @@ class Placement:
         return content
 
 
-@dataclass(frozen=True)
-class StatesResult:
+class StatesResult(SolutionResult):
     """A new solution with states of images that fit the shape.
 
-    Attributes
-    ----------
-    solution, parent : str
-    folder : Path
-    content : mapping
-        Of ``image_states.json``.
+    `content` is of ``image_states.json``.
     """
-
-    solution: str
-    parent: str
-    folder: Path
-    content: Mapping[str, Any]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the content of ``--json``."""
-        return {"solution": self.solution, "parent": self.parent, **self.content}
 
     def lines(self) -> list[str]:
         """Return the lines to print."""
         found = self.content
-        counts = ", ".join(f"{n} {outcome}" for outcome, n in found["outcomes"].items())
-        lines = [f"solution {self.solution}, from {self.parent}: states of images, {counts}"]
+        lines = [f"solution {self.solution}, from {self.parent}: states of images, {self.counts}"]
         if found["moved_rms_px"] is not None:
             pixel, line = found["moved_rms_px"]
             lines.append(
@@ -139,8 +122,7 @@ class StatesResult:
             lines += _scale_line(found)
             lines += _worst_line(found)
         lines += finding_lines(found["findings"])
-        root = self.folder.parent.parent
-        return [*lines, f"  for all commands: spcola solution use {root} {self.solution}"]
+        return [*lines, use_line(self.folder)]
 
 
 def _scale_line(found: Mapping[str, Any]) -> list[str]:
@@ -184,7 +166,7 @@ def content_of(found: list[Placement], options: Mapping[str, Any]) -> dict[str, 
     scatter = None if middle is None else float(1.4826 * np.median(np.abs(ratios - middle)))
     return {
         "options": dict(options),
-        "outcomes": dict(sorted(Counter(str(one.outcome) for one in found).items())),
+        "outcomes": counted(one.outcome for one in found),
         "moved_rms_px": np.sqrt(np.mean(moved**2, axis=0)).tolist() if len(moved) else None,
         "correlation_start": _median(np.array([one.correlation_start for one, _ in fits])),
         "correlation": _median(np.array([fit.correlation for _, fit in fits])),

@@ -14,6 +14,7 @@ import numpy as np
 from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
 from fusion.runtime import Executor, Progress, json_value
 from fusion.runtime.machine import check_memory
+from fusion.stages.solution_result import use_line
 from fusion.stages.tiling.naming import MOST_NAMES
 from fusion.stages.tiling.options import TilingOptions
 from fusion.stages.tiling.sources import Sources, sources_of
@@ -112,8 +113,7 @@ class TilingResult:
         ]
         if self.replaced:
             lines.append(f"  replaced: {self.replaced} coarser maplets")
-        root = self.folder.parent.parent
-        return [*lines, f"  for all commands: spcola solution use {root} {self.solution}"]
+        return [*lines, use_line(self.folder)]
 
 
 @dataclass(frozen=True, eq=False)
