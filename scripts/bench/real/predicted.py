@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from real.places import latitude_longitude
 from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage
 from spcola.grids import Maplet
@@ -118,10 +119,8 @@ def _compared(
     parts = [layer[window] for layer in layers]
     scores = [_score(part, layer, mask) for layer in parts]
     shown = [part, *(layer * _scale(part[mask], layer[mask]) for layer in parts)]
-    x, y, z = solved.grid.center
     return Pair(
-        image.name, solved.name,
-        float(np.degrees(np.arctan2(z, np.hypot(x, y)))), float(np.degrees(np.arctan2(y, x))) % 360,
+        image.name, solved.name, *latitude_longitude(solved.grid.center),
         int(np.count_nonzero(mask)), *scores,
         tuple(np.where(mask, layer, np.nan) for layer in shown),
     )  # fmt: skip

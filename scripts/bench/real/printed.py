@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,14 +13,53 @@ from matplotlib.image import imsave
 
 import spcola
 from fusion.report.layout import html_page, html_table
-from real.predicted import Pair
+from real.predicted import Pair, pairs_of
+from real.run import Run, Solved
 from spcola.arrays import FloatArray
+from spcola.camera import SpcImage
 from spcola.grids import Maplet
 from spcola.heights.slopes import slopes_of
+from spcola.photometry.functions import photometric_function
+from spcola.shape import RayCaster
 
 _BAND = 30
 _SHOWN = 10
 _ENLARGED = 3
+
+
+def print_left_out(
+    run: Run, title: str, setting: str, solved: Solved, left_out: Sequence[SpcImage]
+) -> None:
+    """Print what the maplets predict for frames that were left out, and the albedo.
+
+    Parameters
+    ----------
+    run : Run
+    title : str
+        Name of the body.
+    setting : str
+        Of the photometric function.
+    solved : Solved
+    left_out : sequence of SpcImage
+        With pixels.
+    """
+    names = solved.names
+    start, after = ({n: some.maplet(n) for n in names} for some in (solved.start, solved.after))
+    if not names:
+        return
+    moved = [float(np.nanstd(after[n].height - start[n].height)) for n in names]
+    print(f"  heights changed by {np.median(moved):.1f} m rms (median over maplets)")
+    caster = RayCaster(solved.start.shape())
+    begun = time.process_time()
+    pairs = list(pairs_of(left_out, start, after, caster, photometric_function(setting)))
+    print(f"  compared in {time.process_time() - begun:.0f} s")
+    if not pairs:
+        print("  no left-out frame shows a solved maplet well")
+        return
+    print_pairs(pairs)
+    print_map(pairs)
+    print_albedo(after)
+    write_page(run.work / f"{title.lower()}.html", f"{title}: left-out frames", pairs)
 
 
 def print_pairs(pairs: Sequence[Pair]) -> None:

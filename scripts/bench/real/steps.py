@@ -1,4 +1,4 @@
-"""Lines about states, photometric functions and maplets of a real body."""
+"""What is printed of each step of a mission: states, maplets, photometry, outcomes."""
 
 from __future__ import annotations
 
@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from fusion.workspace import Workspace
-from spcola.grids import Maplet
-
 # Outcomes that keep the start.
 UNSOLVED = ("too-few-images", "diverged")
 
 
 def print_states(found: dict[str, Any]) -> None:
-    """Print how the states of images were fitted to the shape."""
+    """Print how far states moved when they were fitted to the shape."""
     pixel, line = found["moved_rms_px"]
     sigma = np.median([np.mean(one["sigma_px"]) for one in found["images"].values()
                        if one["sigma_px"]])  # fmt: skip
@@ -23,6 +20,11 @@ def print_states(found: dict[str, Any]) -> None:
         f"correlation {found['correlation_start']:.3f} → {found['correlation']:.3f}; ranges × "
         f"{found['range_ratio']:.4f} ± {found['range_ratio_scatter']:.4f}"
     )
+
+
+def print_tiles(found: dict[str, Any]) -> None:
+    """Print how many maplets were tiled."""
+    print(f"  {found['maplets']} maplets, {found['without_pictures']} without images")
 
 
 def print_photometry(found: dict[str, Any]) -> str:
@@ -37,7 +39,7 @@ def print_photometry(found: dict[str, Any]) -> str:
 
 
 def print_outcomes(found: dict[str, Any]) -> None:
-    """Print how maplets were solved."""
+    """Print how the maplets ended and how well images fit them."""
     solved = [one for one in found["maplets"].values() if one["outcome"] not in UNSOLVED]
     print(f"  outcomes: {found['outcomes']}")
     if not solved:
@@ -54,27 +56,3 @@ def print_outcomes(found: dict[str, Any]) -> None:
     )
     for one in found["findings"]:
         print(f"    {one['code']}: {len(one['names'])} ({', '.join(one['names'][:3])})")
-
-
-def print_slopes_by_sun(after: Workspace, content: dict[str, Any]) -> None:
-    """Print rms slopes along the Sun and across it: one Sun determines the first alone."""
-    sun = np.mean([image.sun for image in after.images()], axis=0)
-    found = []
-    for name, one in content["maplets"].items():
-        if one["outcome"] in UNSOLVED:
-            continue
-        found.append(_slopes_along(after.maplet(name), sun))
-    if found:
-        along, across = np.sqrt(np.mean(np.square(found), axis=0))
-        print(
-            f"  rms slopes along the Sun {np.degrees(np.arctan(along)):.1f}°, across it "
-            f"{np.degrees(np.arctan(across)):.1f}°, from a start without relief"
-        )
-
-
-def _slopes_along(maplet: Maplet, sun: np.ndarray) -> tuple[float, float]:
-    way = (maplet.grid.axes @ sun)[:2]
-    way /= np.linalg.norm(way)
-    by_y, by_x = np.gradient(maplet.height, maplet.grid.gsd)
-    along, across = way[0] * by_x + way[1] * by_y, way[0] * by_y - way[1] * by_x
-    return float(np.nanstd(along)), float(np.nanstd(across))
