@@ -96,7 +96,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     ("tile", tile, "spcola spc tile bennu --gsd 0.35 --within 56,43,20"),
     ("register", register, "spcola spc register bennu --as registered"),
     ("albedo", albedo, "spcola spc albedo bennu --of bigmaps"),
-    ("lithos", lithos, "spcola spc lithos bennu --constraint shape --constraint lidar"),
+    ("lithos", lithos, "spcola spc lithos bennu --constraint shape --constraint returns"),
 )
 
 for _name, _function, _example in COMMANDS:

@@ -62,10 +62,10 @@ _MAPLET_CODES = (
 )  # fmt: skip
 WHAT_TO_DO: Mapping[Outcome | Fit, str] = {
     Outcome.TOO_FEW_IMAGES: "they keep their heights; bring more images of them, with the Sun at "
-    "least 20° high, or constrain them: --constraint lidar",
+    "least 20° high, or constrain them: --constraint returns",
     Outcome.DIVERGED: "they keep their heights; look at their images: spcola look",
     Outcome.UNDETERMINED: "their heights follow the start, and their sigmas are large: "
-    "bring images in other light, or constrain them: --constraint lidar",
+    "bring images in other light, or constrain them: --constraint returns",
     Outcome.NOT_CONVERGED: "their heights may be used; go on with more rounds: --rounds",
     Fit.SUN_REVERSED: "the direction of the Sun in their .SUM has a wrong sign: make their states "
     "anew: spcola sumfiles",
