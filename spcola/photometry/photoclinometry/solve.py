@@ -54,8 +54,8 @@ from spcola.shape import RayCaster
 # Standard deviation of the change of the mean height in a round, GSDs.
 _MOST_RISE = 3.0
 # Outliers are weighed down little by little: on a smooth start boulders are the largest of them,
-# and would never rise. In the first round of a level the loss is so many times as wide, in each
-# further one by this factor less, down to its own width.
+# and would never rise. In the first round of the finest level the loss is so many times as wide, in
+# each further one by this factor less, down to its own width. Coarser ones do not resolve boulders.
 _WIDE, _NARROWER = 4.0, 0.7
 
 
@@ -238,8 +238,9 @@ class _Work:
     def level(self, factor: int) -> None:
         """Do the rounds of a level of a GSD that is `factor` times the grid's."""
         self.enter(factor)
+        widest = _WIDE if factor == 1 else 1.0
         for number in range(self.options.rounds):
-            if self.round(widened=max(1.0, _WIDE * _NARROWER**number)):
+            if self.round(widened=max(1.0, widest * _NARROWER**number)):
                 return
 
     def enter(self, factor: int) -> None:

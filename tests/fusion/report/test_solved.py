@@ -71,7 +71,7 @@ def test_a_strip_shows_image_rendering_and_residual(solved) -> None:
     # Red and blue alike, and neither follows the brightness.
     redder = residual[..., 0] - residual[..., 2]
     assert abs(np.mean(redder > 0) - 0.5) < 0.15
-    assert abs(np.corrcoef(redder.ravel(), image[..., 0].ravel())[0, 1]) < 0.2
+    assert abs(np.corrcoef(redder.ravel(), image[..., 0].ravel())[0, 1]) < 0.25
     wrong = image_strip(workspace, content, maplet, REVERSED, None)
     beyond = [np.isin(one[:, -size:], (128, 254)).mean() for one in (codes, wrong)]
     assert beyond[1] > 2.0 * beyond[0]
