@@ -135,14 +135,14 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) 
     return Constraints(height, sigma, count, areas.means(), coarse)
 
 
-def gives_means(mapola: MapletGrid, grid: MapletGrid) -> bool:
-    """Return whether a mapola is so coarse that it has means over points of a grid, not heights.
+def gives_means(surface: MapletGrid, grid: MapletGrid) -> bool:
+    """Return whether a mapola or maplet has means over points of a finer grid, not heights.
 
     Parameters
     ----------
-    mapola, grid : MapletGrid
+    surface, grid : MapletGrid
     """
-    return mapola.gsd > _COARSE * grid.gsd
+    return surface.gsd > _COARSE * grid.gsd
 
 
 class _Areas:

@@ -10,8 +10,11 @@ from scipy import ndimage
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
-from spcola.math.robust import MAD_TO_SIGMA
+from spcola.math.robust import MAD_TO_SIGMA, mad
 from spcola.photometry.photoclinometry.point_heights import PointEquations, PointHeights
+
+# Fewest points that share cells for a spread of them.
+_FEWEST = 20
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,8 @@ class ConstraintFit:
         Robust root mean square of these heights less those of the surface, metres: 1.4826 times the
         median of absolute values. NaN without any.
     ratio : float
-        The same of each over its sigma: much more than 1 where they contradict the surface.
+        The same of each over its sigma, in which relief is that the grid does not resolve: much
+        more than 1 where they contradict the surface.
     """
 
     name: str
@@ -174,11 +178,11 @@ class HeightConstraint:
             apart = (self.height - maplet.height)[self.weight > 0.0]
             sigma = (self.weight * self.common)[self.weight > 0.0] ** -0.5
         else:
-            x, y, height = self.points.places.T
-            step = maplet.grid.gsd
-            apart = height - maplet.grid.interpolated(maplet.height, x / step, y / step)
+            x, y = self.points.places[:, :2].T / maplet.grid.gsd
+            apart = self.points.places[:, 2] - maplet.grid.interpolated(maplet.height, x, y)
             shared = np.diag(self.points.covariance)[self.points.group]
-            sigma = np.sqrt(self.points.sigma**2 + shared)
+            own = np.maximum(self.points.sigma, _spread_in_cells(x, y, apart))
+            sigma = np.sqrt(own**2 + shared)
         known = np.isfinite(apart)
         residual, ratio = np.nan, np.nan
         if known.any():
@@ -187,6 +191,22 @@ class HeightConstraint:
                 for values in (apart, apart / sigma)
             )
         return ConstraintFit(self.name, len(apart), self.left_out, residual, ratio)
+
+
+def _spread_in_cells(x: FloatArray, y: FloatArray, apart: FloatArray) -> float:
+    """Return the standard deviation, metres, of residuals (N,) of points that share a cell.
+
+    It is their noise, and relief that the grid does not resolve. 0 with too few of them.
+    """
+    known = np.isfinite(apart)
+    places = np.stack([np.floor(x[known]), np.floor(y[known])])
+    _, cell, count = np.unique(places, axis=1, return_inverse=True, return_counts=True)
+    cell, several = cell.ravel(), count > 1
+    if count[several].sum() < _FEWEST:
+        return 0.0
+    mean = np.bincount(cell, apart[known]) / count
+    free = np.sqrt(count / np.maximum(count - 1.0, 1.0))
+    return float(mad(((apart[known] - mean[cell]) * free[cell])[several[cell]]))
 
 
 def gathered(

@@ -240,7 +240,9 @@ class _Work:
         self.enter(factor)
         widest = _WIDE if factor == 1 else 1.0
         for number in range(self.options.rounds):
-            if self.round(widened=max(1.0, widest * _NARROWER**number)):
+            # The last round has the loss that was asked for.
+            last = number + 1 == self.options.rounds
+            if self.round(widened=1.0 if last else max(1.0, widest * _NARROWER**number)):
                 return
 
     def enter(self, factor: int) -> None:

@@ -190,6 +190,27 @@ def test_a_subset_has_its_share_with_whole_weights():
     assert np.mean(part.weight > 0.0) == pytest.approx(0.25, abs=0.03)
 
 
+def test_relief_within_cells_contradicts_no_surface_but_an_offset_does():
+    """Returns of 1 cm on ground that varies by 0.2 m within a cell."""
+    points, rng = (
+        points_of(2000, 1, sigma=0.01, covariance=np.eye(1) * 1e-6),
+        np.random.default_rng(8),
+    )
+    rough = np.column_stack([points.places[:, :2], rng.normal(0.0, 0.2, 2000)])
+    flat = Maplet("FLAT", GRID, np.zeros(GRID.shape))
+
+    def fit(rise):
+        raised = replace(points, places=rough + np.array([0.0, 0.0, rise]))
+        return constraint_of("returns", GRID, raised).fit(flat)
+
+    assert fit(0.0).ratio == pytest.approx(1.0, abs=0.1)
+    assert fit(0.0).residual_m == pytest.approx(0.2, rel=0.1)
+    assert fit(1.0).ratio > 5.0
+    # Too few share cells: their own sigma is all that is known.
+    lone = replace(points, places=rough).subset(np.arange(2000) < 8)
+    assert constraint_of("returns", GRID, lone).fit(flat).ratio > 5.0
+
+
 def test_a_height_is_carried_as_far_as_slopes_are_known():
     grid = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 20)
     height = np.full(grid.shape, np.nan)

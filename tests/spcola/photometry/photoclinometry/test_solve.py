@@ -278,6 +278,13 @@ def test_a_boulder_on_a_smooth_start_is_no_outlier(painted, monkeypatch):
     assert slowly < 0.6 * error()
 
 
+def test_the_last_round_has_the_loss_that_is_asked_for(painted, photographs, monkeypatch):
+    options = replace(FEW_ROUNDS, levels=(1,), rounds=1)
+    one = solved(painted, photographs, options).maplet.height
+    monkeypatch.setattr("spcola.photometry.photoclinometry.solve._WIDE", 1.0)
+    np.testing.assert_array_equal(solved(painted, photographs, options).maplet.height, one)
+
+
 def test_cosmic_rays_and_saturated_pixels_do_not_matter(painted, photographs):
     rng = np.random.default_rng(1)
     struck = []
