@@ -43,6 +43,8 @@ PHOTOCLINOMETRY_KEYS = {
     "maplets[].directions": "shares of cells whose slope images determine in 0, 1, 2 directions",
     "maplets[].light_ratio": "residual of brightness with all Suns on the other side, over "
     "that with them as stated, on the coarsest GSD; median below 0.97: doubtful light",
+    "maplets[].shift_ratio": "median over images of their shifts, in sigmas of their states; over "
+    "2: images-displaced",
     "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
     "maplets[].constraints": "by constraint: number of heights, number left_out as false before, "
     "robust rms of them less the solved ones (residual_m), and of each over its sigma (ratio): 1 "
@@ -55,6 +57,9 @@ PHOTOCLINOMETRY_KEYS = {
 }
 # Ratio of residuals with all Suns on the other side, and as stated, below which light is doubtful.
 _DOUBTFUL_LIGHT = 0.97
+# Shifts of images, in sigmas of their states, from which on they, or constraining heights, are
+# displaced.
+_DISPLACED = 2.0
 # Names in a printed line, and how many of the worst.
 _NAMED, _WORST = 5, 3
 _MAPLET_CODES = (
@@ -166,6 +171,7 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
         "sigma_m": float(np.median(known)) if known.size else None,
         "directions": shares.tolist(),
         "light_ratio": one.light_ratio if np.isfinite(one.light_ratio) else None,
+        "shift_ratio": one.shift_ratio if np.isfinite(one.shift_ratio) else None,
         "rounds": [
             {"gsd_m": r.gsd, "residual": r.residual, "height_m": r.height_m, "albedo": r.albedo}
             for r in one.rounds
@@ -199,7 +205,22 @@ def _findings(
     ]
     kept = (Outcome.TOO_FEW_IMAGES, Outcome.DIVERGED)
     fits = {name: one.images for name, one in found.items() if one.outcome not in kept}
-    return [*_light_finding(found), *listed, *outlier_findings(fits)]
+    displaced = _displaced_finding({name: found[name].content for name in fits})
+    return [*_light_finding(found), *listed, *displaced, *outlier_findings(fits)]
+
+
+def _displaced_finding(maplets: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return a finding of maplets whose images lie far from where their states put them.
+
+    Heights in the wrong place move all of their images, and fit them as well as right ones.
+    """
+    names = [name for name, one in maplets.items() if (one["shift_ratio"] or 0.0) > _DISPLACED]
+    do = (
+        f"most of their images lie more than {_DISPLACED:g} sigmas from where their states put "
+        "them: check the place of the heights that constrain them (spcola register, the frame of a "
+        "map), or fit the states: spcola spc register"
+    )
+    return [{"code": "images-displaced", "names": names, "do": do}] if names else []
 
 
 def _light_finding(found: Mapping[str, Summary]) -> list[dict[str, Any]]:

@@ -75,6 +75,18 @@ def nuisance_values(states: Sequence[ImageState]) -> FloatArray:
     return np.array([[0.0, *one.gradient, *one.shift] for one in states]).reshape(-1, NUISANCES)
 
 
+def shift_ratio(states: Sequence[ImageState], known: FloatArray) -> float:
+    """Return the median over K images of their shifts in sigmas, an axis; NaN without images.
+
+    `known` (K, 5, 5) is the prior information on their nuisance parameters.
+    """
+    squares = [
+        0.5 * float(one.shift @ prior[3:, 3:] @ one.shift)
+        for one, prior in zip(states, known, strict=True)
+    ]
+    return float(np.sqrt(np.median(squares))) if squares else float("nan")
+
+
 def changed_state(state: ImageState, step: FloatArray) -> ImageState:
     """Return the state of an image after a step (5,) of its nuisance parameters, bounded."""
     bounded = np.clip(step, -_MOST, _MOST)

@@ -136,6 +136,10 @@ class Photoclinometry:
         over that with the Suns as stated, on the coarsest level; NaN if that was not solved. Hills
         are hollows then: below 1 the directions of the Suns, or the photometric function, are
         doubtful. One maplet alone hardly decides it.
+    shift_ratio : float
+        Median over images of their shifts over what their states leave of it, in sigmas: much more
+        than 1 where constraining heights are displaced, or the states of many images wrong. NaN
+        without images.
     constraints : tuple of ConstraintFit
         How each constraint fits, in their order.
     """
@@ -149,6 +153,7 @@ class Photoclinometry:
     outcome: Outcome
     reason: str
     light_ratio: float
+    shift_ratio: float
     constraints: tuple[ConstraintFit, ...] = ()
 
     @property

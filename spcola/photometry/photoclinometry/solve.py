@@ -35,6 +35,7 @@ from spcola.photometry.photoclinometry.nuisances import (
     changed_state,
     nuisance_priors,
     nuisance_values,
+    shift_ratio,
     with_contrast,
 )
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
@@ -231,6 +232,13 @@ class _Work:
         return replace(self, images=images, secondary=lights, states=unknown, rounds=[])
 
     @property
+    def shift_ratio(self) -> float:
+        """Median shift of the images that show the grid, in sigmas of their states."""
+        shown = np.isfinite(self.before)
+        states = [state for state, one in zip(self.states, shown, strict=True) if one]
+        return shift_ratio(states, self.known[shown])
+
+    @property
     def residual(self) -> float:
         """Median residual of brightness of the images in the last round, relative."""
         return self.rounds[-1].residual
@@ -353,7 +361,7 @@ def _result(work: _Work) -> Photoclinometry:
     albedo_sigma = options.convention.stated(1.0 / np.sqrt(reduced.albedo.weight))
     return Photoclinometry(
         maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
-        work.light_ratio, tuple(one.fit(maplet) for one in work.constraints),
+        work.light_ratio, work.shift_ratio, tuple(one.fit(maplet) for one in work.constraints),
     )  # fmt: skip
 
 
@@ -372,5 +380,6 @@ def _kept(work: _Work, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photocli
         f"{work.count} of {len(work.images)} images show enough lit ground of it, {work.high} with "
         f"the Sun {work.options.least_elevation_deg:.0f}° high; two are needed",
         work.light_ratio,
+        work.shift_ratio,
         tuple(one.fit(work.start) for one in work.constraints),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 from dataclasses import replace
 
@@ -100,6 +101,27 @@ def test_scans_that_the_registration_displaces_are_displaced(mission):
     found = [one.constraint(start, 0.3).height[10:30, 10:30] for one in (returns, moved)]
     before, after = (np.nanmedian(height) for height in found)
     assert after - before == pytest.approx(0.3, abs=0.05)
+
+
+def test_returns_in_the_wrong_place_are_named_by_the_shifts_of_all_images(mission, tmp_path):
+    """Four cells aside. Nothing else shows it: images move along, and brightness fits."""
+    root = tmp_path / "WS"
+    shutil.copytree(mission[0], root, symlinks=True)
+    shutil.rmtree(root / "solutions", ignore_errors=True)
+    right = solved(root, "returns", "shape", name="right")
+    path = root / "registration.json"
+    content, grid = json.loads(path.read_text()), Workspace.open(root).maplet(NAME).grid
+    for entry in content["per_scan"]:
+        entry["offset_m"] = (np.array(entry["offset_m"]) + 3.0 * grid.ux).tolist()
+    path.unlink()
+    path.write_text(json.dumps(content))
+    wrong = solved(root, "returns", "shape", name="wrong")
+    named = [
+        [one["names"] for one in content["findings"] if one["code"] == "images-displaced"]
+        for content in (right, wrong)
+    ]
+    assert named == [[], [[NAME]]]
+    assert right["maplets"][NAME]["shift_ratio"] < 1.0
 
 
 def test_a_second_run_writes_the_same_bytes_and_changed_returns_are_noticed(mission, with_returns):

@@ -108,6 +108,7 @@ class SolvedMaplet(Form):
     sigma_m: Number
     directions: list[Number]
     light_ratio: Number
+    shift_ratio: Number
     gsd_m: Number
     rounds: list[SolvingRound]
     images: list[SolvedImage]

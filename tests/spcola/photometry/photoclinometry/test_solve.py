@@ -10,6 +10,7 @@ from photographs import Painted
 from scipy import ndimage
 
 from spcola.camera import project_image
+from spcola.control.estimation import shift_covariance
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import Maplet
 from spcola.grids.bending import bending_around
@@ -143,6 +144,13 @@ def test_displaced_images_are_moved_back(painted, photographs):
     left = np.array([fit.shift_px for fit in found.images]) + shift
     # A shift that all images share displaces the surface, and no image shows that.
     assert np.abs(left - left.mean(axis=0)).max() < 0.1
+    fitted = np.array([fit.shift_px for fit in found.images])
+    sigma = [np.sqrt(np.trace(shift_covariance(one, loose[one.name], painted.grid.center)) / 2)
+             for one in moved]  # fmt: skip
+    expected = np.median(np.sqrt(np.mean(fitted**2, axis=1)) / sigma)
+    assert found.shift_ratio == pytest.approx(expected, rel=0.1)
+    exact = solved(painted, moved, FEW_ROUNDS)
+    assert exact.shift_ratio > 3.0 > found.shift_ratio
 
 
 def test_flat_ground_without_any_constraint_does_not_leave_in_one_round(painted, photographs):

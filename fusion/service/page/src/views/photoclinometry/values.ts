@@ -73,6 +73,7 @@ export interface SolvedMaplet {
   sigma_m: number | null;
   directions: number[];
   light_ratio: number | null;
+  shift_ratio: number | null;
   gsd_m: number;
   rounds: { gsd_m: number; residual: number | null; height_m: number; albedo: number }[];
   images: SolvedImage[];
