@@ -72,9 +72,9 @@ def test_a_broken_upload_goes_on_where_it_was(page: Any, served: str, tmp_path: 
     page.get_by_label("Files").set_input_files(file)
     page.get_by_role("button", name="Send").click()
     expect(page.get_by_text("sending 40 %")).to_be_visible(timeout=PATIENCE_MS)
-    page.unroute("**/uploads/*")
-    # Another visit: the file is chosen again.
+    # Another visit: the file is chosen again. Until then nothing passes: this page tries again.
     page.reload()
+    page.unroute("**/uploads/*")
     offsets: list[str] = []
     page.on("request", lambda one: one.method == "PATCH" and offsets.append(_offset(one)))
     page.get_by_label("What").select_option("kernel")
