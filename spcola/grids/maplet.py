@@ -7,7 +7,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from spcola.arrays import (
     AnyArray,
@@ -165,6 +164,9 @@ class MapletGrid:
         (...) ndarray
             NaN where a corner of the cell has none.
         """
+        # A fifth of a second to import; who only reads maplets never needs it.
+        from scipy import ndimage  # noqa: PLC0415
+
         places = np.stack([np.asarray(y), np.asarray(x)]) + self.half_size
         found: FloatArray = ndimage.map_coordinates(layer, places, order=1, mode="nearest")
         return found
