@@ -267,7 +267,7 @@ def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:
     """Return the maplet with NaN where images do not determine its slopes."""
     if light is None:
         return spc
-    return replace(spc, height=np.where(light.defined, spc.height, np.nan))
+    return replace(spc, height=np.where(light.at_points, spc.height, np.nan))
 
 
 def _illumination(

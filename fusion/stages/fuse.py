@@ -29,7 +29,7 @@ class FuseStage(Stage):
     """Maplets, mapolas, registration → fused maplets."""
 
     name = "fuse"
-    version = 9
+    version = 10
     needs = ("mapolas", "register")
     places = ("fused",)
     tables = (FuseSettings, BodySettings)

@@ -57,50 +57,58 @@ class Ground:
         """Cosine (R, C) between the normals and a direction (…, 3) [19]."""
         return _cosine(self.slope_x, self.slope_y, direction)
 
-    def partials(self, direction: FloatArray, cosine: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of that cosine by either slope (R, C)."""
-        square = 1.0 + self.slope_x**2 + self.slope_y**2
-        steep = np.sqrt(square)
-        return (
-            -direction[..., 0] / steep - cosine * self.slope_x / square,
-            -direction[..., 1] / steep - cosine * self.slope_y / square,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """The cells between four points of a ground, as planes.
+    """The cells between four points of a ground, as planes: where slopes from images are.
 
     Slopes at points are differences over two steps. They smooth relief before it is lit, and as
     brightness is not linear in slopes the ground then appears displaced.
 
     Attributes
     ----------
+    axes : (3, 3) ndarray
+        Ux, Uy and Uz of the grid, as rows.
+    middle : (R − 1, C − 1, 3) ndarray
+        Mean of the known corners, body-fixed, metres.
     slope_x, slope_y : (R − 1, C − 1) ndarrays
         ∂h/∂x and ∂h/∂y, means of both edges, or one edge if a corner is unknown; else NaN.
-    eye : (R − 1, C − 1, 3) ndarray
-        Unit vectors to the camera from the middle of each, along the grid's axes.
     """
 
+    axes: FloatArray
+    middle: FloatArray
     slope_x: FloatArray
     slope_y: FloatArray
-    eye: FloatArray
 
     @classmethod
-    def of(cls, ground: Ground, image: SpcImage) -> Facets:
-        """Return the facets of a ground, with directions to the camera of an image."""
+    def of(cls, ground: Ground) -> Facets:
+        """Return the facets of a ground."""
         high, gsd = ground.height, ground.grid.gsd
         along_x, along_y = np.diff(high, axis=1) / gsd, np.diff(high, axis=0) / gsd
-        away = (image.position - at_cells(ground.points)) @ ground.grid.axes.T
         return cls(
+            ground.grid.axes,
+            at_cells(ground.points),
             _mean(along_x[1:], along_x[:-1]),
             _mean(along_y[:, 1:], along_y[:, :-1]),
-            away / np.linalg.norm(away, axis=-1, keepdims=True),
         )
+
+    def eye(self, image: SpcImage) -> FloatArray:
+        """Unit vectors (R − 1, C − 1, 3) to the camera, along the grid's axes."""
+        away = (image.position - self.middle) @ self.axes.T
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
 
     def cosine(self, direction: FloatArray) -> FloatArray:
         """Cosine (R − 1, C − 1) between the normals and a direction (…, 3) [19]."""
         return _cosine(self.slope_x, self.slope_y, direction)
+
+    def partials(self, direction: FloatArray, cosine: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of that cosine by either slope (R − 1, C − 1)."""
+        square = 1.0 + self.slope_x**2 + self.slope_y**2
+        steep = np.sqrt(square)
+        return (
+            -direction[..., 0] / steep - cosine * self.slope_x / square,
+            -direction[..., 1] / steep - cosine * self.slope_y / square,
+        )
 
 
 def at_cells(layer: FloatArray) -> FloatArray:

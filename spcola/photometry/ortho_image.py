@@ -124,9 +124,10 @@ def view_of(
     if beyond is not None:
         stop_at_other_ground(seen, beyond, ground, eye)
         stop_at_other_ground(lit, beyond, ground, np.broadcast_to(sun, eye.shape))
-    cells = Facets.of(ground, image)
-    phase = np.arccos(np.clip(cells.eye @ sun, -1.0, 1.0))
-    cosines = cells.cosine(sun), cells.cosine(cells.eye)
+    cells = Facets.of(ground)
+    toward = cells.eye(image)
+    phase = np.arccos(np.clip(toward @ sun, -1.0, 1.0))
+    cosines = cells.cosine(sun), cells.cosine(toward)
     return View(image.name, pixel, line, seen, lit, *cosines, phase, footprint)
 
 

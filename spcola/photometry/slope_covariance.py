@@ -3,7 +3,8 @@
 A brightness ``I = λ (1 + tz) Φ(cos i, cos e, phase)`` [16] changes with both slopes and the albedo
 of its ground. Over all images that show a point lit these partials make a 3 × 3 normal matrix for
 (tx, ty, tz); its inverse is the covariance of the slopes, whatever the brightnesses are (Gaskell et
-al., eqs. 16 to 21). A point that too few images show lit has no slope from images.
+al., eqs. 16 to 21). Ground that too few images show lit has no slope from images. Slopes are those
+of the cells between four points, as in photoclinometry.
 """
 
 from __future__ import annotations
@@ -17,31 +18,33 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.camera import SpcImage, project_image
 from spcola.grids import Maplet
 from spcola.photometry.functions import PhotometricFunction, lunar_lambert
-from spcola.photometry.ground import Ground
+from spcola.photometry.ground import Facets, Ground, at_cells
 from spcola.photometry.shadows import cast_shadow
 
 MOST_INCIDENCE = np.radians(80.0)
 """Largest incidence angle used, radians (Sun 10° high): shadows of roughness finer than the grid
 are not modelled below it."""
-# Unknowns of a point: two slopes and the albedo.
+# Unknowns of a cell: two slopes and the albedo.
 _UNKNOWNS = 3
 # Share of the information of independent images below which slopes are not separable (rounding).
 _SEPARABLE = 1e-9
+# A cell is in shadow if this share of its corners is, or more.
+_SHADED = 0.5
 # An image whose pixels are wider than this, grid steps, shows no detail of the grid.
 _COARSEST = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class SlopeVariance:
-    """Variance of slopes from images at each point of a grid.
+    """Variance of slopes from images in each cell of a grid, between four points.
 
     Parameters
     ----------
-    along_x, along_y : (R, C) ndarrays
+    along_x, along_y : (R − 1, C − 1) ndarrays
         Variance of the slopes ∂h/∂x and ∂h/∂y for independent brightness errors, relative to the
         image's mean brightness; infinite where the images do not determine the slopes.
-    images : (R, C) ndarray of int
-        Number of images that show the point lit.
+    images : (R − 1, C − 1) ndarray of int
+        Number of images that show the cell lit.
     """
 
     along_x: FloatArray
@@ -50,8 +53,14 @@ class SlopeVariance:
 
     @property
     def defined(self) -> BoolArray:
-        """Where images determine both slopes (R, C)."""
+        """Where images determine both slopes (R − 1, C − 1)."""
         return np.isfinite(self.along_x)
+
+    @property
+    def at_points(self) -> BoolArray:
+        """Points (R, C) about which images determine the slopes of half of the cells, or more."""
+        defined = np.pad(self.defined.astype(np.float64), 1, constant_values=np.nan)
+        return at_cells(defined) >= _SHADED
 
 
 def slope_variance(
@@ -63,10 +72,11 @@ def slope_variance(
 ) -> SlopeVariance:
     """Return the variance of the slopes of `maplet` as determined by `images` [16 – 21].
 
-    An image is used at a point that it shows: in front of the camera and on its detector, turned
-    towards it, lit at an incidence below :data:`MOST_INCIDENCE` and in no shadow that the maplet
-    itself casts; and, where the image has pixels, neither as dark as shadow nor saturated there.
-    The information of a pixel that covers n points is divided among them.
+    An image is used for a cell that it shows: in front of the camera and its middle on the
+    detector, turned towards it, lit at an incidence below :data:`MOST_INCIDENCE` and with most
+    corners in no shadow that the maplet itself casts; and, where the image has pixels, neither as
+    dark as shadow nor saturated there. The information of a pixel that covers n cells is divided
+    among them.
 
     Parameters
     ----------
@@ -76,7 +86,7 @@ def slope_variance(
         With or without pixels; taken one by one.
     function : PhotometricFunction
     framed : bool
-        Whether a point has to lie on the detector: not if `images` represent others taken in the
+        Whether a cell has to lie on the detector: not if `images` represent others taken in the
         same light.
 
     Returns
@@ -85,34 +95,36 @@ def slope_variance(
         No slope is defined where the maplet has none.
     """
     ground = Ground.of(maplet.grid, maplet.height)
-    matrix = np.zeros((6, *maplet.grid.shape))
-    count = np.zeros(maplet.grid.shape, dtype=np.int64)
+    cells = Facets.of(ground)
+    matrix = np.zeros((6, *cells.slope_x.shape))
+    count = np.zeros(cells.slope_x.shape, dtype=np.int64)
     for image in images:
-        if ground.pixel(image) > _COARSEST:
+        pixel = ground.pixel(image)
+        if pixel > _COARSEST:
             continue
-        lit = _lit(ground, image, framed)
+        lit = _lit(ground, cells, image, framed)
         if lit.any():
             count += lit
-            _add_image(matrix, ground, image, lit, function)
+            _add_image(matrix, cells, image, lit, (function, max(pixel, 1.0)))
     return _reduced(matrix, count)
 
 
-def _lit(ground: Ground, image: SpcImage, framed: bool) -> BoolArray:
-    """Where (R, C) the image shows lit ground."""
+def _lit(ground: Ground, cells: Facets, image: SpcImage, framed: bool) -> BoolArray:
+    """Cells (R − 1, C − 1) of the ground that the image shows lit."""
     sun = ground.sun(image)
-    lit: BoolArray = ground.cosine(sun) > np.cos(MOST_INCIDENCE)
-    lit &= ground.cosine(ground.eye(image)) > 0.0
+    lit: BoolArray = cells.cosine(sun) > np.cos(MOST_INCIDENCE)
+    lit &= cells.cosine(cells.eye(image)) > 0.0
     if framed and lit.any():
-        lit &= _well_exposed(ground, image)
+        lit &= _well_exposed(cells, image)
     if lit.any():
-        grid = ground.grid
-        lit &= ~cast_shadow(ground.height, sun * [1.0, 1.0, grid.gsd])
+        shadow = cast_shadow(ground.height, sun * [1.0, 1.0, ground.grid.gsd])
+        lit &= at_cells(shadow.astype(np.float64)) < _SHADED
     return lit
 
 
-def _well_exposed(ground: Ground, image: SpcImage) -> BoolArray:
-    """Where (R, C) a point lies on the detector, and its pixel is neither shadow nor saturated."""
-    pixel, line = project_image(image, ground.points)
+def _well_exposed(cells: Facets, image: SpcImage) -> BoolArray:
+    """Cells (R − 1, C − 1) on the detector, in a pixel that is neither shadow nor saturated."""
+    pixel, line = project_image(image, cells.middle)
     width, height = image.camera.width, image.camera.height
     inside: BoolArray = (pixel >= 0.5) & (pixel < width + 0.5)
     inside &= (line >= 0.5) & (line < height + 0.5)
@@ -128,22 +140,26 @@ def _well_exposed(ground: Ground, image: SpcImage) -> BoolArray:
 
 def _add_image(
     matrix: FloatArray,
-    ground: Ground,
+    cells: Facets,
     image: SpcImage,
     lit: BoolArray,
-    function: PhotometricFunction,
+    imaging: tuple[PhotometricFunction, float],
 ) -> None:
-    """Add the information where `lit`: xx, xy, yy, xa, ya, aa of the normal matrix."""
-    sun, eye = ground.sun(image), ground.eye(image)
-    incidence, emission = ground.cosine(sun), ground.cosine(eye)
+    """Add the information where `lit`: xx, xy, yy, xa, ya, aa of the normal matrix.
+
+    `imaging` is the photometric function, and the width of a pixel in grid steps, at least one.
+    """
+    function, pixel = imaging
+    sun, eye = cells.axes @ image.sun, cells.eye(image)
+    incidence, emission = cells.cosine(sun), cells.cosine(eye)
     phase = np.arccos(np.clip(eye @ sun, -1.0, 1.0))
     shade = function.partials(incidence, emission, phase)
     # λ makes the means equal: exposures are chosen for a mean well between the thresholds.
-    scale = 1.0 / (float(np.mean(shade.value[lit])) * max(ground.pixel(image), 1.0))
+    scale = 1.0 / (float(np.mean(shade.value[lit])) * pixel)
     rows = [
         scale * (shade.by_cos_incidence * sun_part + shade.by_cos_emission * eye_part)
         for sun_part, eye_part in zip(
-            ground.partials(sun, incidence), ground.partials(eye, emission), strict=True
+            cells.partials(sun, incidence), cells.partials(eye, emission), strict=True
         )
     ]
     x, y, albedo = (np.where(lit, row, 0.0) for row in (*rows, scale * shade.value))

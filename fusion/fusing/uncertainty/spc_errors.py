@@ -108,12 +108,18 @@ def along_edges(layer: FloatArray, axis: int) -> FloatArray:
 
 
 def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
-    """Variance of the mean slope between points `lag` apart: the mean of both ends' variances.
+    """Variance of the mean slope between points `lag` apart along `axis`, in the order of steps.
 
-    Errors of neighbouring slopes are fully correlated, as they share images.
+    It is the mean over the first and the last edge of the way, and over the cells on both sides of
+    each, or the one whose slope is known: errors of neighbouring slopes are fully correlated, as
+    they share images.
     """
     layer = light.along_x if axis == 1 else light.along_y
-    ahead, behind = ends(layer, lag, axis)
+    outside = ((1, 1), (0, 0)) if axis == 1 else ((0, 0), (1, 1))
+    left, right = ends(np.pad(layer, outside, constant_values=np.inf), 1, 1 - axis)
+    both = np.isfinite(left) & np.isfinite(right)
+    edges = np.where(both, 0.5 * (left + right), np.minimum(left, right))
+    ahead, behind = ends(edges, lag - 1, axis)
     mean: FloatArray = 0.5 * (ahead + behind)
     return mean
 

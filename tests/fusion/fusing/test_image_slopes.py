@@ -14,6 +14,8 @@ from spcola.photometry import SlopeVariance
 
 CAMERA = Camera(100.0, [50.5, 50.5], [[40.0, 0.0, 0.0], [0.0, 40.0, 0.0]], 100, 100)
 RADIUS, DISTANCE = 80.0, 1000.0
+# Cells of a grid of 99 x 99 points.
+CELLS = (98, 98)
 
 
 def facing(longitude):
@@ -84,14 +86,29 @@ def test_pixels_are_read_for_images_only():
     assert sorted(asked) == [image.name for image in images]
 
 
+def test_steps_have_the_light_of_the_cells_on_both_sides():
+    along_x = np.array([[1.0, 3.0, 2.0], [5.0, np.inf, np.inf]])
+    light = SlopeVariance(along_x, 10.0 * along_x, np.full((2, 3), 5))
+    # Three rows of four points: an edge on the border, or next to an undefined cell, has one cell.
+    edges = np.array([[1.0, 3.0, 2.0], [3.0, 3.0, 2.0], [5.0, np.inf, np.inf]])
+    np.testing.assert_array_equal(light_along_edges(light, 1, 1), edges)
+    down = [[10.0, 20.0, 25.0, 20.0], [50.0, 50.0, np.inf, np.inf]]
+    np.testing.assert_array_equal(light_along_edges(light, 1, 0), down)
+    # Over a longer way the first and the last edge count.
+    np.testing.assert_array_equal(light_along_edges(light, 3, 1)[:2, 0], [1.5, 2.5])
+    # Half of the cells about a point, or more, have to be determined.
+    points = [[True] * 4, [True] * 4, [True, True, False, False]]
+    np.testing.assert_array_equal(light.at_points, points)
+
+
 def test_the_error_of_brightness_is_found_from_steps():
     """Slopes with errors of 3 % of brightness where the light is good, and where it is poor."""
     grid = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 49)
     rng = np.random.default_rng(5)
     pairs = []
     for _ in range(8):
-        variance = np.exp(ndimage.gaussian_filter(rng.normal(size=grid.shape), 8.0) * 16.0)
-        light = SlopeVariance(variance, variance, np.full(grid.shape, 5))
+        variance = np.exp(ndimage.gaussian_filter(rng.normal(size=CELLS), 8.0) * 16.0)
+        light = SlopeVariance(variance, variance, np.full(CELLS, 5))
         # Errors of rows that are independent random walks: each step has an error of its own sigma.
         step = 0.03 * grid.gsd * np.sqrt(light_along_edges(light, 1, 1))
         walk = np.cumsum(step * rng.normal(size=step.shape), axis=1)
@@ -112,8 +129,8 @@ def test_points_without_neighbours_do_not_affect_the_light_sigma(recwarn):
     grid = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 20)
     height = np.full(grid.shape, np.nan)
     height[::2, ::2] = np.random.default_rng(6).normal(size=(21, 21))
-    ones = np.ones(grid.shape)
-    light = SlopeVariance(ones, ones, np.full(grid.shape, 5))
+    ones, cells = np.ones(grid.shape), np.ones((40, 40))
+    light = SlopeVariance(cells, cells, np.full(cells.shape, 5))
     found = estimate_information(
         [AlignedHeights(0.0 * height, height, 0.01 * ones, grid.gsd, light)]
     )
