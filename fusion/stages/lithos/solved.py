@@ -20,7 +20,7 @@ from spcola import atomic
 from spcola.formats.maplets import write_albedo_sigma, write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 12
+_VERSION = 13
 
 
 def lithos_solution(

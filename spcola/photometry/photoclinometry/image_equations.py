@@ -206,6 +206,14 @@ class Sums:
         """Right-hand sides (4, R − 1, C − 1)."""
         return self.own[-UNKNOWNS:]
 
+    def weakened(self, factor: float) -> Sums:
+        """Return the sums where all errors of brightness are larger by a factor."""
+        share = factor**-2
+        factors = self.factors.copy()
+        # One of the two factors of each product.
+        factors[:, :UNKNOWNS] *= np.float32(share)
+        return Sums(share * self.own, factors, share * self.nuisance)
+
 
 def add_image(
     sums: Sums,

@@ -64,8 +64,8 @@ class PhotoclinometryOptions:
         slope. Shadows hide one side of the relief in it, so that its errors are common to many
         cells.
     error_factor : float
-        Factor on the formal sigmas of heights: on synthetic bodies errors are as much larger, since
-        relief that the grid does not resolve is common to all images.
+        Factor on the errors of brightness in sigmas: relief that the grid does not resolve is common
+        to all images, so that their errors do not average out as if they were independent.
     bend_sigma : float
         Standard deviation of the error of heights, of the bending of the surface around (m): edges
         and tops of boulders that the grid does not resolve.

@@ -333,6 +333,7 @@ def _result(work: _Work) -> Photoclinometry:
     fits = work.fits()
     options = work.options
     sums = work.sums(least_elevation=np.radians(options.least_elevation_deg))
+    sums = sums.weakened(options.error_factor)
     before, prior, contrast = with_contrast(
         nuisance_values(work.states), work.known, options.contrast_sigma
     )
@@ -349,7 +350,7 @@ def _result(work: _Work) -> Photoclinometry:
     equations = height_equations(trusted, work.surface, work.priors, options)
     variance = equations.variance(contrast, options.contrast_sigma)
     bend = options.bend_sigma * bending_around(work.surface.height)
-    height_sigma = np.sqrt(options.error_factor**2 * variance + bend**2)
+    height_sigma = np.sqrt(variance + bend**2)
     maplet = replace(
         work.start,
         height=np.where(known, work.surface.height, np.nan),
