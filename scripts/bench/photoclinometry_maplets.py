@@ -3,11 +3,15 @@
 Of a solution that `spcola spc lithos` made of a synthetic mission, printed next to the maplets
 of the solution in use.
 
-- heights: each maplet's root mean square of the errors about their mean, in pixels and metres.
-- slopes: errors of the slopes of ground as wide as a pixel.
+- heights: each maplet's root mean square of the errors about their mean, in metres and in pixels of
+  the best image.
+- slopes: errors of the slopes at points, at the GSD of the maplets.
 - albedo: correlation of the relative albedo of each maplet with the truth where three of its images
   or more show the ground with an incidence below 60 degrees, and its multiple correlation with both
-  slopes; that of the true albedo with the true slopes stands next to it.
+  slopes; that of the true albedo with the true slopes stands next to it. Once more for means over
+  3 x 3 points.
+
+Then slopes and albedo of maplets by the number of their images.
 
     python scripts/bench/photoclinometry_maplets.py WORKSPACE --mission DIR --solution NAME
         [--every 1]
@@ -21,14 +25,18 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from fusion.truth.planted import Planted, read_truth
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
+from spcola.formats.maplets import read_albedo_sigma
+from spcola.formats.maplets.sigma import albedo_sigma_path
 from spcola.grids import Maplet
 from spcola.heights.slopes import slopes_of
 from spcola.photometry.ground import Ground
@@ -39,8 +47,35 @@ from spcola.truth.solution import heights_in_frame
 TYPICAL_PX, MOST_PX, SLOPES_DEG, ALBEDO, TOPOGRAPHY = 1.0, 3.0, 3.0, 0.9, 0.1
 # Incidence of the goal for albedo, and images that have to show the ground like that.
 MOST_INCIDENCE, LEAST_IMAGES = np.radians(60.0), 3
+# Groups of maplets by the number of their images begin with these.
+GROUPS = (2, 5, 7, 9, 1000)
 # Points at the edges of maplets that are not compared: their slopes are one-sided.
 EDGE = 4
+
+
+@dataclass(frozen=True)
+class AlbedoErrors:
+    """Of one maplet.
+
+    Parameters
+    ----------
+    correlation, of_means : float
+        With the truth, of points and of means over 3 x 3 of them.
+    error, sigma : float
+        Root mean square of the errors about their mean, and of their stated sigma.
+    within : float
+        Share of the errors within one sigma.
+    topography, true_topography : float
+        Multiple correlation with both slopes; that of the true albedo with the true ones.
+    """
+
+    correlation: float
+    of_means: float
+    error: float
+    sigma: float
+    within: float
+    topography: float
+    true_topography: float
 
 
 @dataclass(frozen=True)
@@ -49,21 +84,21 @@ class Errors:
 
     Parameters
     ----------
+    images : int
+        That show it.
     pixel : float
-        Of the best image that shows it, metres.
+        Of the best of them, metres.
     height, slope : float
         Root mean square: heights about their mean, metres; slopes of a pixel's width, degrees.
-    albedo, topography, true_topography : float
-        Correlation of the albedo with the truth, multiple correlation of it with both slopes, and
-        that of the truth; NaN where too little ground is lit well.
+    albedo : AlbedoErrors, optional
+        None where too little ground is lit well.
     """
 
+    images: int
     pixel: float
     height: float
     slope: float
-    albedo: float
-    topography: float
-    true_topography: float
+    albedo: AlbedoErrors | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +122,8 @@ class Truth:
         """The planted body."""
         return self.planted.body()
 
-    def errors(self, maplet: Maplet, name: str) -> Errors:
-        """Compare a maplet of a solution, solved or not, with the truth."""
+    def errors(self, maplet: Maplet, sigma: np.ndarray, name: str) -> Errors:
+        """Compare a maplet of a solution and the sigma of its albedo with the truth."""
         fits = self.fits[name]["images"].items()
         seen = {image: fit for image, fit in fits if fit["fit"] != "not-seen"}
         pixel = min(fit["pixel_m"] for fit in seen.values())
@@ -96,19 +131,16 @@ class Truth:
         height = heights_in_frame(self.body, maplet.grid, self.planted.similarity)
         wrong = (maplet.height - height)[inner, inner]
         gsd = maplet.grid.gsd
-        width = max(1, round(pixel / gsd))
-        along_x = wrong[:-width, width:] - wrong[:-width, :-width]
-        along_y = wrong[width:, :-width] - wrong[:-width, :-width]
-        tilt = np.hypot(along_x, along_y) / (width * gsd)
+        tilt = np.hypot(*np.array(slopes_of(maplet.height, gsd)) - np.array(slopes_of(height, gsd)))
+        tilt = tilt[inner, inner]
         slope = np.degrees(np.arctan(np.sqrt(np.nanmean(tilt**2))))
-        return Errors(
-            pixel, float(np.nanstd(wrong)), float(slope), *self.albedo(maplet, height, seen)
-        )
+        albedo = self.albedo(maplet, sigma, height, seen)
+        return Errors(len(seen), pixel, float(np.nanstd(wrong)), float(slope), albedo)
 
     def albedo(
-        self, maplet: Maplet, height: np.ndarray, seen: Mapping[str, Any]
-    ) -> tuple[float, float, float]:
-        """Return the correlation of the albedo with the truth, and both with slopes."""
+        self, maplet: Maplet, sigma: np.ndarray, height: np.ndarray, seen: Mapping[str, Any]
+    ) -> AlbedoErrors | None:
+        """Compare the albedo of a maplet with the truth, given the true heights on its grid."""
         ground = Ground.of(maplet.grid, height)
         well = sum(
             (ground.cosine(ground.sun(self.images[one])) > np.cos(MOST_INCIDENCE)).astype(int)
@@ -120,12 +152,28 @@ class Truth:
         good = (well >= LEAST_IMAGES) & np.isfinite(maplet.albedo) & np.isfinite(maplet.height)
         good[:EDGE], good[-EDGE:], good[:, :EDGE], good[:, -EDGE:] = False, False, False, False
         if good.mean() < 0.1:
-            return (float("nan"),) * 3
-        return (
-            float(np.corrcoef(maplet.albedo[good], true[good])[0, 1]),
+            return None
+        own, right = maplet.albedo[good], true[good]
+        error = own / own.mean() - right / right.mean()
+        return AlbedoErrors(
+            float(np.corrcoef(own, right)[0, 1]),
+            float(np.corrcoef(means(maplet.albedo)[good], means(true)[good])[0, 1]),
+            float(error.std()),
+            float(np.sqrt(np.mean(sigma[good] ** 2))),
+            float(np.mean(np.abs(error) < sigma[good])) if known(sigma[good]) else float("nan"),
             explained(maplet.albedo, maplet.height, good, maplet.grid.gsd),
             explained(true, height, good, maplet.grid.gsd),
         )
+
+
+def means(layer: np.ndarray) -> np.ndarray:
+    """Return the means over 3 x 3 points, NaN next to unknown ones."""
+    return ndimage.uniform_filter(layer, 3)
+
+
+def known(sigma: np.ndarray) -> bool:
+    """Return whether any sigma is stated."""
+    return bool(np.isfinite(sigma).any())
 
 
 def explained(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: float) -> float:
@@ -137,6 +185,14 @@ def explained(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: flo
     return float(np.sqrt(max(1.0 - left.var() / albedo[good].var(), 0.0)))
 
 
+def with_albedo_sigma(space: Workspace, name: str) -> tuple[Maplet, np.ndarray]:
+    """Return a maplet and the sigma of its albedo, NaN if there is none."""
+    maplet, path = space.maplet(name), space.maplet_path(name)
+    if not albedo_sigma_path(path).exists():
+        return maplet, np.full(maplet.grid.shape, np.nan)
+    return maplet, read_albedo_sigma(albedo_sigma_path(path), maplet.grid.half_size)
+
+
 def compared(
     workspace: Path, mission: Path, solution: str, every: int
 ) -> Iterator[tuple[str, list[Errors]]]:
@@ -146,31 +202,59 @@ def compared(
     truth = Truth(read_truth(mission), {one.name: one for one in made.images()}, fits)
     names = [name for name, fit in fits.items() if fit["outcome"] == "converged"][::every]
     for title, space in (("solution in use", used), (solution, made)):
-        yield title, [truth.errors(space.maplet(name), name) for name in names]
+        yield title, [truth.errors(*with_albedo_sigma(space, name), name) for name in names]
 
 
 def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
     """Yield what is printed of one solution."""
-    table = {name: np.array([getattr(one, name) for one in found]) for name in vars(found[0])}
+    table = {
+        name: np.array([getattr(one, name) for one in found])
+        for name in ("images", "pixel", "height", "slope")
+    }
     pixels = table["height"] / table["pixel"]
     typical, ninth, most = np.quantile(pixels, [0.5, 0.9, 1.0])
     heights, slopes = (np.sqrt(np.mean(table[name] ** 2)) for name in ("height", "slope"))
-    yield f"{title}: {len(found)} maplets, pixels of {np.median(table['pixel']):.2f} m (median)"
+    pixel = np.median(table["pixel"])
+    yield f"{title}: {len(found)} maplets, best pixels of {pixel:.2f} m (median)"
     yield (
-        f"  heights {heights:.3f} m; in pixels median {typical:.2f}, 90 % {ninth:.2f}, "
-        f"largest {most:.2f} (goals {TYPICAL_PX:g}, largest {MOST_PX:g})"
+        f"  heights {heights:.3f} m; in pixels median {typical:.2f}, 90 % {ninth:.2f}, largest "
+        f"{most:.2f}, more than {MOST_PX:g}: {np.mean(pixels > MOST_PX):.1%} (goals "
+        f"{TYPICAL_PX:g}, never more than {MOST_PX:g})"
     )
     middle = np.median(table["slope"])
     yield f"  slopes {slopes:.2f} deg, median of maplets {middle:.2f} (goal {SLOPES_DEG:g})"
-    known = np.isfinite(table["albedo"])
-    if known.any():
-        middle, low = np.quantile(table["albedo"][known], [0.5, 0.1])
-        yield (
-            f"  albedo of {known.sum()}: correlation with the truth {middle:.3f} (median), "
-            f"{low:.3f} (tenth) (goal {ALBEDO:g})"
+    albedo = [vars(one.albedo) for one in found if one.albedo is not None]
+    if albedo:
+        yield from albedo_lines(
+            {name: np.array([one[name] for one in albedo]) for name in albedo[0]}
         )
-        own, true = (np.nanmedian(table[name]) for name in ("topography", "true_topography"))
-        yield f"  with slopes {own:.3f}, the true albedo {true:.3f} (goal {TOPOGRAPHY:g})"
+    yield from by_images(found)
+
+
+def albedo_lines(of: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """Yield what is printed of the albedo, from arrays over maplets."""
+    middle, low = np.quantile(of["correlation"], [0.5, 0.1])
+    yield (
+        f"  albedo of {len(of['error'])}: correlation with the truth {middle:.3f} (median), "
+        f"{low:.3f} (tenth), of means {np.median(of['of_means']):.3f} (goal {ALBEDO:g})"
+    )
+    error, sigma, within = (np.median(of[name]) for name in ("error", "sigma", "within"))
+    yield f"  its error {error:.4f}, sigma {sigma:.4f}, within one {within:.2f}"
+    own, true = (np.median(of[name]) for name in ("topography", "true_topography"))
+    yield f"  with slopes {own:.3f}, the true albedo {true:.3f} (goal {TOPOGRAPHY:g})"
+
+
+def by_images(found: Sequence[Errors]) -> Iterator[str]:
+    """Yield slopes and albedo of maplets by the number of their images."""
+    for least, most in pairwise(GROUPS):
+        some = [one for one in found if least <= one.images < most]
+        right = [one.albedo.correlation for one in some if one.albedo is not None]
+        if right:
+            slope = np.median([one.slope for one in some])
+            yield (
+                f"    {least} images or more: {len(some)} maplets, slopes {slope:.2f} deg, "
+                f"albedo {np.median(right):.3f}"
+            )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
