@@ -1,6 +1,6 @@
 """Heights from slopes and constraints, and their uncertainty."""
 
-from spcola.heights.banded import inverse_diagonal
+from spcola.heights.banded import inverse_entries
 from spcola.heights.means import MeanConstraints
 from spcola.heights.posterior import posterior_sigma
 from spcola.heights.problem import HeightProblem
@@ -12,7 +12,7 @@ __all__ = [
     "HeightSystem",
     "MeanConstraints",
     "SolverOptions",
-    "inverse_diagonal",
+    "inverse_entries",
     "posterior_sigma",
     "solve_heights",
 ]

@@ -1,11 +1,11 @@
-"""Exact factors of small height problems: banded Cholesky and the diagonal of the inverse."""
+"""Exact factors of small height problems: banded Cholesky and entries of the inverse."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.heights.components import find_components
 from spcola.heights.means import Sets
@@ -39,7 +39,7 @@ class BandedFactor:
 
     def variance(self) -> FloatArray:
         """Return the diagonal of the inverse (R, C), m²; NaN on floating parts and holes."""
-        diagonal = inverse_diagonal(np.ascontiguousarray(self._factor.T))
+        (diagonal,) = inverse_entries(np.ascontiguousarray(self._factor.T), np.array([0]))
         return np.where(self._unknown, np.nan, diagonal.reshape(self._shape))
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -92,8 +92,11 @@ def _add_means(sets: Sets, weight: FloatArray, band: FloatArray) -> None:
 
 
 @compiled
-def inverse_diagonal(factor: FloatArray) -> FloatArray:
-    """Diagonal of ``(L Lᵀ)⁻¹`` by Takahashi's recursion, `factor[j, k] = L[j + k, j]`.
+def inverse_entries(factor: FloatArray, apart: IntArray) -> FloatArray:
+    """Entries (j + k, j) of ``(L Lᵀ)⁻¹`` (K, N) by Takahashi's recursion, for K distances k.
+
+    `factor[j, k]` is ``L[j + k, j]``, and `apart` has the distances, less than its width; entries
+    beyond the last row are 0.
 
     Going backward, column j of the inverse within the band follows from the block of the
     inverse at j + 1 … j + b. That block is kept at the places (index mod b), so that a new
@@ -105,7 +108,7 @@ def inverse_diagonal(factor: FloatArray) -> FloatArray:
     padded = -(-width // 4) * 4
     block = np.zeros((padded, padded))
     scaled, column = np.zeros((2, padded))
-    diagonal = np.empty(points)
+    found = np.zeros((apart.size, points))
     for j in range(points - 1, -1, -1):
         pivot = factor[j, 0]
         for k in range(1, width + 1):
@@ -124,5 +127,8 @@ def inverse_diagonal(factor: FloatArray) -> FloatArray:
             block[place, k] = column[k]
             block[k, place] = column[k]
         block[place, place] = here
-        diagonal[j] = here
-    return diagonal
+        for n in range(apart.size):
+            k = apart[n]
+            if j + k < points:
+                found[n, j] = column[(j + k) % width] if k else here
+    return found

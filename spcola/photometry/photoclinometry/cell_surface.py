@@ -14,7 +14,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline, compiled_sums
-from spcola.heights import inverse_diagonal
+from spcola.heights import inverse_entries
+from spcola.photometry.photoclinometry.posterior import Posterior
 
 # Of the heights' changes in a round, relative: the next round corrects what is left.
 TOLERANCE = 1e-3
@@ -184,31 +185,24 @@ class CellSurface:
             _subtract_rows(cho_solve(self._nuisance, self._with_nuisances(x)), self._coupled, out)
         return out
 
-    def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
-        """Return the variances (R, C) of the heights, m²; those of nuisance parameters enter.
+    def posterior(self, considered: BoolArray | None = None, sigma: float = 0.0) -> Posterior:
+        """Return the covariances of the heights; errors of nuisance parameters enter.
 
         Parameters
         ----------
         considered : (P,) ndarray of bool, optional
-            Nuisance parameters that are not estimated: heights are solved as if they were 0, and
-            their errors change the heights by all of their effect (Schmidt 1966).
+            Nuisance parameters that are not estimated: see :class:`Posterior`.
         sigma : float
             Standard deviation of each of these.
         """
-        own = inverse_diagonal(self._factor)
-        if not len(self._coupled):
-            return own.reshape(self._shape)
-        solved = self._direct_of_nuisances()
+        count, columns = len(self._coupled), self._shape[1]
+        apart = np.array([0, 1, columns - 1, columns, columns + 1])
+        near = inverse_entries(self._factor, apart).reshape(5, *self._shape)
+        solved = self._direct_of_nuisances() if count else np.zeros((self._right.size, 0))
         left = self._nuisance_normal - self._coupled @ solved
-        left = 0.5 * (left + left.T)
-        fixed = np.zeros(len(left), dtype=np.bool_) if considered is None else considered
-        free = ~fixed
-        root = np.linalg.cholesky(left[np.ix_(free, free)])
-        by_free = solve_triangular(root, solved[:, free].T, lower=True, check_finite=False)
-        own = own + np.sum(by_free**2, axis=0)
-        common = solve_triangular(root, left[np.ix_(free, fixed)], lower=True)
-        response = solved[:, fixed].T - common.T @ by_free
-        return (own + sigma**2 * np.sum(response**2, axis=0)).reshape(self._shape)
+        fixed = np.zeros(count, dtype=np.bool_) if considered is None else considered
+        by_nuisance = solved.T.reshape(count, *self._shape)
+        return Posterior(near, by_nuisance, 0.5 * (left + left.T), fixed, sigma)
 
 
 @compiled

@@ -64,11 +64,14 @@ class PhotoclinometryOptions:
         slope. Shadows hide one side of the relief in it, so that its errors are common to many
         cells.
     error_factor : float
-        Factor on the errors of brightness in sigmas: relief that the grid does not resolve is common
-        to all images, so that their errors do not average out as if they were independent.
+        Factor on the errors of brightness in sigmas: relief that the grid does not resolve is
+        common to all images, so that their errors do not average out as if they were independent.
     bend_sigma : float
         Standard deviation of the error of heights, of the bending of the surface around (m): edges
         and tops of boulders that the grid does not resolve.
+    relief_albedo_sigma : float
+        Standard deviation of the error of the albedo by relief that the grid does not resolve,
+        relative: it darkens and brightens cells in all images alike.
     constraint_fraction : float
         Share of the constraining heights that count in a round, drawn anew each round (Gaskell et
         al., §4); 1 is all of them. In sigmas all count.
@@ -105,6 +108,7 @@ class PhotoclinometryOptions:
     least_elevation_deg: float = 20.0
     error_factor: float = 1.1
     bend_sigma: float = 0.14
+    relief_albedo_sigma: float = 0.01
     constraint_fraction: float = 1.0
     seed: int = 1
     stereo: bool = True
@@ -115,7 +119,7 @@ class PhotoclinometryOptions:
         for name in (
             "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma",
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
-            "error_factor", "bend_sigma", "settled_gsd", "settled_albedo",
+            "error_factor", "bend_sigma", "relief_albedo_sigma", "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

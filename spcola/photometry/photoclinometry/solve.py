@@ -44,6 +44,7 @@ from spcola.photometry.photoclinometry.surface import Surface, cell_slopes, resa
 from spcola.photometry.photoclinometry.surface_equations import (
     Priors,
     Reduced,
+    albedo_sigma_of,
     changed_albedo,
     height_equations,
     image_slopes,
@@ -348,9 +349,9 @@ def _result(work: _Work) -> Photoclinometry:
     known |= touched
     trusted = reduced.of_cells(directions == 2)
     equations = height_equations(trusted, work.surface, work.priors, options)
-    variance = equations.variance(contrast, options.contrast_sigma)
+    posterior = equations.posterior(contrast, options.contrast_sigma)
     bend = options.bend_sigma * bending_around(work.surface.height)
-    height_sigma = np.sqrt(variance + bend**2)
+    height_sigma = np.sqrt(posterior.heights() + bend**2)
     maplet = replace(
         work.start,
         height=np.where(known, work.surface.height, np.nan),
@@ -359,7 +360,7 @@ def _result(work: _Work) -> Photoclinometry:
         # Errors of the states are in the sigmas of the heights.
         center_sigma=np.zeros(3),
     )
-    albedo_sigma = options.convention.stated(1.0 / np.sqrt(reduced.albedo.weight))
+    albedo_sigma = options.convention.stated(albedo_sigma_of(reduced, posterior, options))
     return Photoclinometry(
         maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
         work.light_ratio, work.shift_ratio, tuple(one.fit(maplet) for one in work.constraints),

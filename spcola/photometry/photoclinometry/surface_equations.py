@@ -21,6 +21,7 @@ from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInform
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.point_heights import PointEquations
+from spcola.photometry.photoclinometry.posterior import Posterior
 from spcola.photometry.photoclinometry.surface import Surface, cell_slopes
 
 # Where the six products of (∂h/∂x, ∂h/∂y, h) lie in the upper triangle with the albedo, and where
@@ -221,12 +222,12 @@ class HeightEquations(CellSurface):
         heights, nuisance = super().solve(tolerance=tolerance)
         return heights, nuisance[: self._own]
 
-    def variance(self, considered: BoolArray | None = None, sigma: float = 0.0) -> FloatArray:
-        """Return variances (R, C), m²; `considered` are nuisance parameters of the cells."""
+    def posterior(self, considered: BoolArray | None = None, sigma: float = 0.0) -> Posterior:
+        """Return covariances of heights; `considered` are nuisance parameters of the cells."""
         if considered is not None:
             shared = len(self._coupled) - self._own
             considered = np.concatenate([considered, np.zeros(shared, dtype=np.bool_)])
-        return super().variance(considered, sigma)
+        return super().posterior(considered, sigma)
 
 
 def height_equations(
@@ -297,6 +298,19 @@ def changed_albedo(
     step = reduced.albedo.step - np.sum(reduced.by_albedo * changes, axis=0)
     step = step - reduced.albedo.fall(nuisance)
     return convention.bounded(surface.albedo + step)
+
+
+def albedo_sigma_of(
+    reduced: Reduced, heights: Posterior, options: PhotoclinometryOptions
+) -> FloatArray:
+    """Return the sigma (R − 1, C − 1) of the albedo, at most that of its prior.
+
+    Errors of slopes, heights and nuisance parameters are in it, and relief within cells.
+    """
+    alone = reduced.albedo
+    variance = 1.0 / alone.weight + options.relief_albedo_sigma**2
+    variance = variance + heights.cells(reduced.by_albedo, alone.by_nuisance, reduced.gsd)
+    return np.minimum(np.sqrt(variance), options.albedo_sigma)
 
 
 def image_slopes(reduced: Reduced, most: float) -> tuple[FloatArray, AnyArray]:

@@ -68,7 +68,7 @@ def test_heights_and_nuisance_parameters_solve_the_dense_equations(dense):
 def test_variances_are_those_of_the_dense_inverse(dense):
     surface, matrix, _ = dense
     exact = np.diag(np.linalg.inv(matrix))[: SHAPE[0] * SHAPE[1]]
-    np.testing.assert_allclose(surface.variance().ravel(), exact, rtol=1e-9)
+    np.testing.assert_allclose(surface.posterior().heights().ravel(), exact, rtol=1e-9)
 
 
 def test_variances_with_a_parameter_that_is_not_estimated(dense):
@@ -80,10 +80,29 @@ def test_variances_with_a_parameter_that_is_not_estimated(dense):
     inverse = np.linalg.inv(matrix[np.ix_(free, free)])
     response = (inverse @ matrix[np.ix_(free, ~free)])[:points]
     exact = np.diag(inverse)[:points] + sigma**2 * np.sum(response**2, axis=1)
-    found = surface.variance(fixed, sigma)
+    found = surface.posterior(fixed, sigma).heights()
     np.testing.assert_allclose(found.ravel(), exact, rtol=1e-9)
-    none = surface.variance(fixed, 0.0).ravel()
+    none = surface.posterior(fixed, 0.0).heights().ravel()
     np.testing.assert_allclose(none, np.diag(inverse)[:points], rtol=1e-9)
+
+
+def test_variances_of_cells_are_those_of_the_dense_inverse(dense):
+    """What falls with slopes, heights and nuisance parameters; one of these is not estimated."""
+    surface, matrix, _ = dense
+    points, sigma, used = SHAPE[0] * SHAPE[1], 0.7, 2
+    weights, direct = RNG.normal(size=(3, *CELLS)), RNG.normal(size=(used, *CELLS))
+    rows = np.zeros((CELLS[0] * CELLS[1], points + NUISANCES))
+    for number, (i, j) in enumerate(np.ndindex(*CELLS)):
+        rows[number, :points] = weights[:, i, j] @ rows_of(i, j)[:3]
+        rows[number, points : points + used] = direct[:, i, j]
+    fixed = np.array([False, True, False])
+    free = np.concatenate([np.ones(points, dtype=bool), ~fixed])
+    inverse = np.linalg.inv(matrix[np.ix_(free, free)])
+    by_fixed = rows[:, ~free] - rows[:, free] @ inverse @ matrix[np.ix_(free, ~free)]
+    exact = np.einsum("na,ab,nb->n", rows[:, free], inverse, rows[:, free])
+    exact += sigma**2 * np.sum(by_fixed**2, axis=1)
+    found = surface.posterior(fixed, sigma).cells(weights, direct, GSD)
+    np.testing.assert_allclose(found.ravel(), exact, rtol=1e-9)
 
 
 def test_a_direction_of_the_slope_enters_and_the_other_does_not():

@@ -96,7 +96,7 @@ def test_heights_and_variances_are_those_of_least_squares_with_correlated_errors
     expected, covariance = dense(points, now)
     assert nuisance.shape == (0,)
     np.testing.assert_allclose(rise.ravel(), expected, atol=1e-4)
-    variance = equations(points, now).variance().ravel()
+    variance = equations(points, now).posterior().heights().ravel()
     np.testing.assert_allclose(variance, np.diag(covariance), rtol=1e-6)
 
 
@@ -126,7 +126,7 @@ def test_heights_of_points_on_a_curved_surface_give_that_surface():
 def test_an_error_that_a_group_shares_does_not_average_away():
     one = points_of(4000, 1, covariance=np.array([[0.04]]))
     many = points_of(4000, 400, covariance=0.04 * np.eye(400))
-    alone, apart = (np.median(equations(p, surface()).variance()) for p in (one, many))
+    alone, apart = (np.median(equations(p, surface()).posterior().heights()) for p in (one, many))
     # The other information on the mean height are the weak weights of all points.
     least = 1.0 / (1.0 / 0.04 + POINT_WEIGHT * GRID.size**2)
     assert least <= alone < 1.05 * least + 0.05**2
