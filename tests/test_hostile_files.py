@@ -15,9 +15,9 @@ import h5py
 import laspy
 import numpy as np
 import pytest
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
 from lidar.formats import open_lidar, read_scan

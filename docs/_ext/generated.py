@@ -26,7 +26,7 @@ from sourcelinks import names as defined
 from typer.core import TyperArgument
 from typer.main import get_command
 
-from fusion.cli.app import COMMANDS, app
+from fusion.cli.app import COMMANDS, command_line
 from fusion.client.steps import Blocking, call, stream
 from fusion.workspace.settings.ranges import range_text
 from fusion.service.api import Service, create_app
@@ -131,7 +131,7 @@ def codes(of: type[Code | Cause]) -> str:
 
 def commands() -> str:
     """One section for each command, with its options."""
-    group: Any = get_command(app)
+    group: Any = get_command(command_line())
     examples = {name: example for name, _, example in COMMANDS}
     lines: list[str] = []
     for name, what in group.commands.items():

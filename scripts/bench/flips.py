@@ -32,7 +32,7 @@ import h5py
 import numpy as np
 from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
+from fusion.cli.app import command_line
 from fusion.pipeline.catalog.soundness import unsound_maplets
 from fusion.workspace import Workspace
 from spcola.errors import SpcolaError
@@ -139,7 +139,7 @@ class Bench:
         return ("WRONG", "remains damaged") if read else ("no effect", "")
 
     def _call(self, command: str) -> Result:
-        return CliRunner().invoke(app, [command, str(self.root), "--json"])
+        return CliRunner().invoke(command_line(), [command, str(self.root), "--json"])
 
     def _files(self, kind: str) -> list[str]:
         found = sorted(self.good.glob(KINDS[kind][0]))

@@ -146,9 +146,10 @@ def test_a_folder_that_cannot_be_listed_is_named(workspace: Path) -> None:
 
 NOBODY = """
 import os, sys
-from fusion.cli.app import main
+from fusion.cli.app import command_line, main
 import fusion.inspection.describe, fusion.runtime.executor, fusion.stages
-fusion.stages.load_stages()  # the installation may be closed to others, too
+command_line()  # the installation may be closed to others, too
+fusion.stages.load_stages()
 os.setgid(65534)
 os.setuid(65534)
 sys.argv = ["spcola", "run", sys.argv[1], "--json"]

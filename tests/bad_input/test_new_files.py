@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import call, line_of
+from command_line import app, call, line_of
 from damage import (
     EMPTY,
     RUBBISH,
@@ -17,8 +17,6 @@ from damage import (
     refused,
 )
 from typer.testing import CliRunner
-
-from fusion.cli.app import app
 
 MAP, SUM, SHAPE = "MAPFILES/TR0003.MAP", "SUMFILES/P03I02.SUM", "SHAPEFILES/SHAPE.TXT"
 

@@ -117,7 +117,7 @@ def test_a_full_disk_under_standard_output_is_one_line(
 def test_help_comes_without_the_machinery() -> None:
     """Half a second of imports before every help text would be felt; a clock would not be fair."""
     script = (
-        "import sys, fusion.cli.app;"
+        "import sys; from fusion.cli.app import command_line; command_line();"
         "print([m for m in ('numpy', 'scipy', 'numba', 'h5py', 'open3d') if m in sys.modules])"
     )
     done = subprocess.run(

@@ -10,8 +10,9 @@ from typing import Any
 
 from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
+from fusion.cli.app import command_line
 
+app = command_line()
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import app
 from star_cruise import Cruise, check_calibration
 from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
 from spcola.formats.cameras import read_cameras
 
 

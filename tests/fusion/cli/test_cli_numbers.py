@@ -9,9 +9,9 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import pytest
 import typer
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 

@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
+from command_line import app
 from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
 from fusion.truth import PRESETS, read_truth
 
 ROOT = Path(__file__).resolve().parents[3]

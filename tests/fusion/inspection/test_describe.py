@@ -12,10 +12,10 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from command_line import app
 from PIL import Image
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.workspace import Workspace
 from spcola.formats.shapes import write_icq, write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions

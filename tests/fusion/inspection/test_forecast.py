@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.inspection import import_forecast
 from fusion.inspection.forecasts import stage_forecasts
 from fusion.inspection.forecasts.mapolas import BYTES_PER_RETURN

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image
 from typer.testing import CliRunner
 
 import fusion
-from fusion.cli.app import app
 from fusion.fusing.maplets import FusedMaplet, write_fused
 from fusion.report.layout import Colour
 from lidar.formats.mapolas import write_mapolas

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from PIL import Image
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.inspection import name_content
 from spcola.errors import FormatError
 from spcola.formats.images import open_image

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.inspection.points import read_points
 from fusion.inspection.points.moved import moved_maplet, moved_scan
 from lidar.formats import read_scan

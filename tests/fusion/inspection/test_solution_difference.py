@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.inspection import solution_difference
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.workspace import Workspace, new_workspace

@@ -15,13 +15,13 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from command_line import app
 from dask_processes import DaskProcesses
 from distributed import Client, LocalCluster
 from PIL import Image
 from typer.testing import CliRunner
 
 import fusion.runtime.cluster
-from fusion.cli.app import app
 from fusion.runtime import ClusterExecutor
 from fusion.runtime.cluster import ClusterError
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.runtime.processes import ProcessLimits, isolated
 from spcola.errors import InvalidValueError, SpcolaError
 
@@ -57,7 +57,7 @@ def test_limits_that_are_none_are_refused() -> None:
 LIMITED = """
 import os, resource
 os.environ["SPCOLA_LIMITS"] = "4096 100"
-from fusion.cli.app import app
+import fusion.cli.app
 from fusion.runtime.processes.isolation import apply_limits
 apply_limits()
 assert "SPCOLA_LIMITS" not in os.environ

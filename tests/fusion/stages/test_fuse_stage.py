@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from scipy import ndimage
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.workspace import new_workspace
 from lidar.formats.mapolas import write_mapolas
 from lidar.gridding import Mapola

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import call, called
+from command_line import app, call, called
 from registered_ball import GSD, PLANTED, RADIUS, made
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.workspace import Workspace
 from spcola.camera import Camera, ImagePoint, SpcImage, project_image
 from spcola.control import Landmark

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from lidar.formats import read_scan
 
 PLANTED = 2.5e-4

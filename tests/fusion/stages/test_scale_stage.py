@@ -5,10 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
-from command_line import call, called
+from command_line import app, call, called
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.scaling.results.keys import SCALE_KEYS
 
 

@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 import pytest
 from astropy.io import fits
+from command_line import app
 from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.truth import PRESETS, make_mission, mission_size, read_truth
 from fusion.truth.assessment import assess

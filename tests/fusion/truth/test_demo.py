@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from distributed import LocalCluster
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.fusing import fuse_maplet
 from fusion.fusing.maplets import Source
 from fusion.fusing.uncertainty import DEFAULT_INFORMATION, ImageSlopes, estimate_information

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import spiceypy
+from command_line import app
 from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
-from fusion.cli.app import app
 from fusion.estimation.verdict import Code
 from fusion.scene.geolocation.kernels import kernel_paths
 from fusion.scene.geolocation.locating import geolocator

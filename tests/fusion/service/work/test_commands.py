@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import typer
 from astropy.io import fits
-from command_line import called
+from command_line import app, called
 from damage import files_in
 from distributed import LocalCluster
 from served import Service
 from star_cruise import Cruise, check_calibration
 
-from fusion.cli.app import app
 from fusion.pipeline.solutions import MadeBy, making_solution, remove_solution
 from fusion.service.commands.table import COMMANDS
 from fusion.service.jobs import Job, JobKind, JobState

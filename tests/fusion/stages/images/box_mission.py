@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 from astropy.io import fits
+from command_line import app
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from spcola.camera import Camera, SpcImage
 from spcola.navigation import et_from_utc, utc_from_et
 from spcola.shape import Mesh

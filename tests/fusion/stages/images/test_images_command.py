@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 from astropy.io import fits
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.runtime.folders import LOCK_FILE, locked
 from fusion.stages.images import importing

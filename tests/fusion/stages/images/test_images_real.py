@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import app
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.stages.images import Turn
 from fusion.stages.line_scans import line_scans_not_used
 from fusion.workspace import new_workspace

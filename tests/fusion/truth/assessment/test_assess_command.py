@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.truth import make_mission, read_truth
 from fusion.truth.assessment import AssessmentSettings
 from fusion.truth.assessment.definitions import definitions

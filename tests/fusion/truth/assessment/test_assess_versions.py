@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import app
 from typer.testing import CliRunner
 
-from fusion.cli.app import app
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.truth import make_mission, read_truth
 from fusion.truth.assessment.frame import planted_in
