@@ -20,7 +20,7 @@ from spcola import atomic
 from spcola.formats.maplets import write_albedo_sigma, write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 13
+_VERSION = 14
 
 
 def lithos_solution(
