@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from real.printed import explained
 from scipy import ndimage
 
 from fusion.truth.planted import Planted, read_truth
@@ -89,7 +90,7 @@ class Errors:
     pixel : float
         Of the best of them, metres.
     height, slope : float
-        Root mean square: heights about their mean, metres; slopes of a pixel's width, degrees.
+        Root mean square: heights about their mean, metres; slopes at points, degrees.
     albedo : AlbedoErrors, optional
         None where too little ground is lit well.
     """
@@ -161,14 +162,14 @@ class Truth:
             float(error.std()),
             float(np.sqrt(np.mean(sigma[good] ** 2))),
             float(np.mean(np.abs(error) < sigma[good])) if known(sigma[good]) else float("nan"),
-            explained(maplet.albedo, maplet.height, good, maplet.grid.gsd),
-            explained(true, height, good, maplet.grid.gsd),
+            by_slopes(maplet.albedo, maplet.height, good, maplet.grid.gsd),
+            by_slopes(true, height, good, maplet.grid.gsd),
         )
 
 
 def means(layer: np.ndarray) -> np.ndarray:
-    """Return the means over 3 x 3 points, NaN next to unknown ones."""
-    return ndimage.uniform_filter(layer, 3)
+    """Return the means over 3 x 3 points of a layer (R, C), NaN next to unknown ones."""
+    return ndimage.convolve(layer, np.full((3, 3), 1.0 / 9.0))
 
 
 def known(sigma: np.ndarray) -> bool:
@@ -176,13 +177,11 @@ def known(sigma: np.ndarray) -> bool:
     return bool(np.isfinite(sigma).any())
 
 
-def explained(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: float) -> float:
-    """Return the multiple correlation of albedo with both slopes."""
+def by_slopes(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: float) -> float:
+    """Return the multiple correlation of albedo with both slopes, where `good`; all (R, C)."""
     slopes = np.array(slopes_of(height, gsd))
     good = good & np.isfinite(slopes).all(axis=0)
-    rows = np.stack([*slopes[:, good], np.ones(int(good.sum()))], axis=1)
-    left = albedo[good] - rows @ np.linalg.lstsq(rows, albedo[good], rcond=None)[0]
-    return float(np.sqrt(max(1.0 - left.var() / albedo[good].var(), 0.0)))
+    return explained(albedo[good], slopes[:, good])
 
 
 def with_albedo_sigma(space: Workspace, name: str) -> tuple[Maplet, np.ndarray]:

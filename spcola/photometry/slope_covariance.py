@@ -28,7 +28,8 @@ are not modelled below it."""
 _UNKNOWNS = 3
 # Share of the information of independent images below which slopes are not separable (rounding).
 _SEPARABLE = 1e-9
-# A cell is in shadow if this share of its corners is, or more.
+# A cell is in shadow if this share of its corners is, or more; slopes are determined at a point if
+# they are in this share of the cells about it.
 _SHADED = 0.5
 # An image whose pixels are wider than this, grid steps, shows no detail of the grid.
 _COARSEST = 5.0

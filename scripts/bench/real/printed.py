@@ -116,15 +116,20 @@ def print_albedo(maplets: Mapping[str, Maplet]) -> None:
         # A maplet whose albedo was not solved.
         if albedo.std() < 1e-6:
             continue
-        rows = np.stack([*slopes[:, known], np.ones(albedo.size)], axis=1)
-        left = albedo - rows @ np.linalg.lstsq(rows, albedo, rcond=None)[0]
         spread.append(float(albedo.std()))
-        shares.append(float(np.sqrt(max(1.0 - left.var() / albedo.var(), 0.0))))
+        shares.append(explained(albedo, slopes[:, known]))
     print(
         f"  albedo: standard deviation {np.median(spread):.3f} (median over maplets); correlation "
         f"with slopes, both directions: {np.median(shares):.2f} (median), "
         f"{np.percentile(shares, 90):.2f} (90 %)"
     )
+
+
+def explained(albedo: FloatArray, slopes: FloatArray) -> float:
+    """Return the multiple correlation of albedo (N,) with both slopes (2, N)."""
+    rows = np.stack([*slopes, np.ones(albedo.size)], axis=1)
+    left = albedo - rows @ np.linalg.lstsq(rows, albedo, rcond=None)[0]
+    return float(np.sqrt(max(1.0 - left.var() / albedo.var(), 0.0)))
 
 
 def write_page(path: Path, title: str, pairs: Sequence[Pair]) -> None:
