@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import random
 import time
 import warnings
@@ -27,6 +28,9 @@ _PROBLEM = "application/problem+json"
 _SAFE = {"GET", "HEAD", "DELETE"}
 _TOO_MANY, _UNAVAILABLE = 429, 503
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 5.0
+# Someone who waits learns why once a pause is as long as this: 1.4 s after the first try.
+_NOTICED_PAUSE_S = 1.0
+_LOG = logging.getLogger("spcola.client")
 
 
 @dataclass
@@ -70,7 +74,7 @@ class Asking:
 
         A request that cannot have reached the server, or that the server refuses for now, is
         repeated. One that got no answer is, if it changes nothing, or `repeat` states that the
-        same request again is the same.
+        same request again is the same. A warning is logged once if that takes over a second.
 
         Raises
         ------
@@ -79,7 +83,7 @@ class Asking:
         SpcolaError
             What the server raised.
         """
-        until, pause = time.monotonic() + self.patience_s, _FIRST_PAUSE_S
+        until, pause, noticed = time.monotonic() + self.patience_s, _FIRST_PAUSE_S, False
         again = repeat or request.method in _SAFE
         while True:
             try:
@@ -87,7 +91,7 @@ class Asking:
             except LostConnectionError as error:
                 if time.monotonic() >= until or (error.sent and not again):
                     raise self._unreachable(error, request) from error
-                wait = pause
+                wait, why = pause, f"does not answer ({error})"
             else:
                 if answer.status < 300 or answer.status == 304:
                     return answer
@@ -95,7 +99,10 @@ class Asking:
                 busy = answer.status == _TOO_MANY or (answer.status == _UNAVAILABLE and again)
                 if not busy or time.monotonic() + wait > until:
                     raise problem
-                wait = max(wait, pause)
+                wait, why = max(wait, pause), problem.what
+            if wait >= _NOTICED_PAUSE_S and not noticed:
+                noticed = True
+                _LOG.warning("%s: %s; trying for up to %.0f s", self.url, why, self.patience_s)
             yield Pause(wait * random.uniform(0.8, 1.2))
             pause = min(2.0 * pause, _LONGEST_PAUSE_S)
 

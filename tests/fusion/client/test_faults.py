@@ -165,7 +165,10 @@ def test_errors_of_a_server_are_those_of_the_command(
 
 
 def test_tokens_versions_and_addresses_that_are_wrong(
-    tmp_path: Path, server: ServerProcess, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    server: ServerProcess,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     make_ball(tmp_path / "ball")
     closed = ServerProcess(tmp_path, "--name", "localhost", "--workers", "0")
@@ -185,8 +188,12 @@ def test_tokens_versions_and_addresses_that_are_wrong(
         closed.kill()
     begun = time.monotonic()
     with pytest.raises(UnreachableError, match="does not answer"):
-        connect(closed.url, patience_s=0.5)
+        connect(closed.url, patience_s=2.0)
     assert time.monotonic() - begun < 10
+    # The reason for the wait is logged once.
+    (noticed,) = (one.getMessage() for one in caplog.records if one.name == "spcola.client")
+    assert noticed.startswith(f"{closed.url.rstrip('/')}: does not answer")
+    assert noticed.endswith("trying for up to 2 s")
     with pytest.raises(WorkspaceError):
         connect(tmp_path / "nothing")
     monkeypatch.delenv("SPCOLA_TOKEN")
