@@ -5,7 +5,8 @@ of the solution in use.
 
 - heights: each maplet's root mean square of the errors about their mean, in metres and in pixels of
   the best image.
-- slopes: errors of the slopes at points, at the GSD of the maplets.
+- slopes: errors of the slopes at points, at the GSD of the maplets; shares of the errors of both
+  slopes of cells within one and two of their sigmas, over all maplets.
 - albedo: correlation of the relative albedo of each maplet with the truth where three of its images
   or more show the ground with an incidence below 60 degrees, and its multiple correlation with both
   slopes; that of the true albedo with the true slopes stands next to it. Once more for means over
@@ -27,7 +28,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from real.printed import explained
@@ -36,11 +37,16 @@ from scipy import ndimage
 from fusion.truth.planted import Planted, read_truth
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
-from spcola.formats.maplets import read_albedo_sigma
-from spcola.formats.maplets.sigma import albedo_sigma_path
+from spcola.formats.image_sigmas import (
+    albedo_sigma_path,
+    read_albedo_sigma,
+    read_slope_sigma,
+    slope_sigma_path,
+)
 from spcola.grids import Maplet
 from spcola.heights.slopes import slopes_of
 from spcola.photometry.ground import Ground
+from spcola.photometry.photoclinometry.surface import cell_slopes
 from spcola.truth.body import TruthBody
 from spcola.truth.solution import heights_in_frame
 
@@ -91,6 +97,8 @@ class Errors:
         Of the best of them, metres.
     height, slope : float
         Root mean square: heights about their mean, metres; slopes at points, degrees.
+    tilts : ndarray
+        Errors of the slopes of cells, over their sigmas.
     albedo : AlbedoErrors, optional
         None where too little ground is lit well.
     """
@@ -99,7 +107,29 @@ class Errors:
     pixel: float
     height: float
     slope: float
+    tilts: np.ndarray
     albedo: AlbedoErrors | None
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A maplet of a solution, with the sigmas of its albedo and slopes; NaN if there are none."""
+
+    maplet: Maplet
+    albedo_sigma: np.ndarray
+    slope_sigma: np.ndarray
+
+    @classmethod
+    def of(cls, space: Workspace, name: str) -> Self:
+        """Read a maplet and its companions."""
+        maplet, path = space.maplet(name), space.maplet_path(name)
+        half, cells = maplet.grid.half_size, maplet.grid.size - 1
+        albedo, slopes = np.full(maplet.grid.shape, np.nan), np.full((2, cells, cells), np.nan)
+        if (companion := albedo_sigma_path(path)).exists():
+            albedo = read_albedo_sigma(companion, half)
+        if (companion := slope_sigma_path(path)).exists():
+            slopes = read_slope_sigma(companion, half)
+        return cls(maplet, albedo, slopes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +153,9 @@ class Truth:
         """The planted body."""
         return self.planted.body()
 
-    def errors(self, maplet: Maplet, sigma: np.ndarray, name: str) -> Errors:
-        """Compare a maplet of a solution and the sigma of its albedo with the truth."""
+    def errors(self, made: Made, name: str) -> Errors:
+        """Compare a maplet of a solution and its sigmas with the truth."""
+        maplet = made.maplet
         fits = self.fits[name]["images"].items()
         seen = {image: fit for image, fit in fits if fit["fit"] != "not-seen"}
         pixel = min(fit["pixel_m"] for fit in seen.values())
@@ -135,8 +166,17 @@ class Truth:
         tilt = np.hypot(*np.array(slopes_of(maplet.height, gsd)) - np.array(slopes_of(height, gsd)))
         tilt = tilt[inner, inner]
         slope = np.degrees(np.arctan(np.sqrt(np.nanmean(tilt**2))))
-        albedo = self.albedo(maplet, sigma, height, seen)
-        return Errors(len(seen), pixel, float(np.nanstd(wrong)), float(slope), albedo)
+        tilts = cell_slopes(maplet.height - height, gsd) / made.slope_sigma
+        tilts = tilts[:, inner, inner]
+        albedo = self.albedo(maplet, made.albedo_sigma, height, seen)
+        return Errors(
+            len(seen),
+            pixel,
+            float(np.nanstd(wrong)),
+            float(slope),
+            tilts[np.isfinite(tilts)],
+            albedo,
+        )
 
     def albedo(
         self, maplet: Maplet, sigma: np.ndarray, height: np.ndarray, seen: Mapping[str, Any]
@@ -184,14 +224,6 @@ def by_slopes(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: flo
     return explained(albedo[good], slopes[:, good])
 
 
-def with_albedo_sigma(space: Workspace, name: str) -> tuple[Maplet, np.ndarray]:
-    """Return a maplet and the sigma of its albedo, NaN if there is none."""
-    maplet, path = space.maplet(name), space.maplet_path(name)
-    if not albedo_sigma_path(path).exists():
-        return maplet, np.full(maplet.grid.shape, np.nan)
-    return maplet, read_albedo_sigma(albedo_sigma_path(path), maplet.grid.half_size)
-
-
 def compared(
     workspace: Path, mission: Path, solution: str, every: int
 ) -> Iterator[tuple[str, list[Errors]]]:
@@ -201,7 +233,7 @@ def compared(
     truth = Truth(read_truth(mission), {one.name: one for one in made.images()}, fits)
     names = [name for name, fit in fits.items() if fit["outcome"] == "converged"][::every]
     for title, space in (("solution in use", used), (solution, made)):
-        yield title, [truth.errors(*with_albedo_sigma(space, name), name) for name in names]
+        yield title, [truth.errors(Made.of(space, name), name) for name in names]
 
 
 def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
@@ -222,6 +254,9 @@ def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
     )
     middle = np.median(table["slope"])
     yield f"  slopes {slopes:.2f} deg, median of maplets {middle:.2f} (goal {SLOPES_DEG:g})"
+    if len(tilts := np.abs(np.concatenate([one.tilts for one in found]))):
+        pull, one, two = np.sqrt(np.mean(tilts**2)), np.mean(tilts < 1.0), np.mean(tilts < 2.0)
+        yield f"  of cells: pull {pull:.2f}, within one sigma {one:.2f}, two {two:.2f}"
     albedo = [vars(one.albedo) for one in found if one.albedo is not None]
     if albedo:
         yield from albedo_lines(

@@ -16,6 +16,7 @@ _FOLDERS: Mapping[str, str] = {
     ".MAP": "MAPFILES",
     ".SIG": "MAPFILES",
     ".ASG": "MAPFILES",
+    ".SSG": "MAPFILES",
     ".LMK": "LMKFILES",
     ".SUM": "SUMFILES",
     ".NOM": "NOMINALS",

@@ -11,7 +11,8 @@ from fusion.stages.albedo.placing import PlacedMapola
 from fusion.workspace import Workspace, visible_files
 from spcola.arrays import FloatArray
 from spcola.errors import WorkspaceError
-from spcola.formats.maplets import read_map, read_maplet, write_albedo_sigma, write_maplet
+from spcola.formats.image_sigmas import write_albedo_sigma
+from spcola.formats.maplets import read_map, read_maplet, write_maplet
 from spcola.grids import Maplet, MapletGrid
 from spcola.photometry.albedo import AlbedoSolution
 

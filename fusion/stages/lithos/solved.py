@@ -17,10 +17,11 @@ from fusion.stages.lithos.result import LithosResult, content_of, summary_of
 from fusion.stages.lithos.sources import LithosSources
 from fusion.workspace import Workspace
 from spcola import atomic
-from spcola.formats.maplets import write_albedo_sigma, write_maplet
+from spcola.formats.image_sigmas import write_albedo_sigma, write_slope_sigma
+from spcola.formats.maplets import write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 14
+_VERSION = 15
 
 
 def lithos_solution(
@@ -99,7 +100,8 @@ def _solved(
             if not found.kept_start:
                 path = folder / "MAPFILES" / f"{name}.MAP"
                 write_maplet(path, found.maplet, sigma_companion=True)
-                # One of the parent's albedo would be linked.
+                # Those of the parent's maplet would be linked.
                 write_albedo_sigma(path, found.point_albedo_sigma)
+                write_slope_sigma(path, found.slope_sigma)
             task.advance_one(spent)
             yield name, summary_of(found)

@@ -3,21 +3,14 @@
 from spcola.formats.maplets.map import read_map, read_maplet, write_maplet
 from spcola.formats.maplets.map_header import map_length
 from spcola.formats.maplets.map_parts import MapParts
-from spcola.formats.maplets.sigma import (
-    read_albedo_sigma,
-    read_sigma,
-    sigma_path,
-    write_albedo_sigma,
-)
+from spcola.formats.maplets.sigma import read_sigma, sigma_path
 
 __all__ = [
     "MapParts",
     "map_length",
-    "read_albedo_sigma",
     "read_map",
     "read_maplet",
     "read_sigma",
     "sigma_path",
-    "write_albedo_sigma",
     "write_maplet",
 ]

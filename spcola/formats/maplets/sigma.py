@@ -1,4 +1,4 @@
-"""Sigma companions of .MAP files, of heights and of albedo: one 4-byte float for each point."""
+"""Sigma companions of .MAP files: one 4-byte float for the height of each point."""
 
 from __future__ import annotations
 
@@ -70,47 +70,3 @@ def is_sigma_km(values: AnyArray) -> bool:
     """Return whether every value is NaN (unknown), 0, or between 1e-12 and 1e5 km."""
     known = values[~np.isnan(values)].astype(np.float64)
     return bool(np.all((known == 0) | ((known >= 1e-12) & (known <= 1e5))))
-
-
-def albedo_sigma_path(path: str | Path) -> Path:
-    """Return the companion with the albedo's sigma: ``NAME.ASG`` next to ``NAME.MAP``."""
-    return Path(path).with_suffix(".ASG")
-
-
-def read_albedo_sigma(path: str | Path, half_size: int) -> FloatArray:
-    """Read the sigma of the albedo of a .MAP: one big-endian 4-byte float for each point.
-
-    Parameters
-    ----------
-    path : str or Path
-        ``NAME.ASG``.
-    half_size : int
-        q of the maplet.
-
-    Returns
-    -------
-    (2q+1, 2q+1) ndarray
-        In the albedo's own numbers, indexed ``[m + q, n + q]``; NaN where no image determines the
-        albedo, for which a .MAP has no mark.
-
-    Raises
-    ------
-    FormatError
-        If the length contradicts q, or a value is negative or infinite.
-    """
-    content = read_bytes(path)
-    size = 2 * half_size + 1
-    if len(content) != 4 * size**2:
-        raise FormatError(
-            f"has {len(content)} bytes, {4 * size**2} belong to q = {half_size}", path
-        )
-    sigma = np.frombuffer(content, ">f4").astype(np.float64).reshape(size, size).T
-    if np.isinf(sigma).any() or (sigma < 0.0).any():
-        raise FormatError("holds values that are no sigma of an albedo", path)
-    return sigma
-
-
-def write_albedo_sigma(path: str | Path, sigma: FloatArray) -> None:
-    """Write the albedo's sigma (2q+1, 2q+1) next to the .MAP `path`; NaN where unknown."""
-    content = np.asarray(sigma).T.astype(">f4").tobytes()
-    atomic.write_bytes(albedo_sigma_path(path), content)

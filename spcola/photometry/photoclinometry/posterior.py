@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -38,14 +39,20 @@ class Posterior:
 
     def heights(self) -> FloatArray:
         """Return the variances (R, C), m²."""
-        return self.near[0] + self._common(self.by_nuisance)
+        return self.near[0] + np.sum(self._by_independent**2, axis=0)
+
+    def slopes(self, gsd: float) -> FloatArray:
+        """Return the variances (2, R − 1, C − 1) of the slopes ∂h/∂x and ∂h/∂y of cells."""
+        along_x, along_y = np.eye(3)[:2, :, None, None]
+        unmoved = np.zeros((0, 1, 1))
+        return np.stack([self.cells(one, unmoved, gsd) for one in (along_x, along_y)])
 
     def cells(self, weights: FloatArray, direct: FloatArray, gsd: float) -> FloatArray:
         """Return the variances (R − 1, C − 1) of a quantity of cells that falls with heights.
 
         Parameters
         ----------
-        weights : (3, R − 1, C − 1) ndarray
+        weights : (3, R − 1, C − 1) or (3, 1, 1) ndarray
             How much it falls with the slopes ∂h/∂x and ∂h/∂y, and with the mean height.
         direct : (Q, R − 1, C − 1) ndarray
             How much it falls with the first Q nuisance parameters where heights stay.
@@ -55,25 +62,35 @@ class Posterior:
         x, y, mean = weights * np.array([0.5 / gsd, 0.5 / gsd, 0.25])[:, None, None]
         # By the corners 00, 01, 10, 11.
         by_corner = np.stack([mean - x - y, mean + x - y, mean - x + y, mean + x + y])
-        rows = np.zeros((len(self.by_nuisance), *x.shape))
-        for share, corner in zip(by_corner, _corners(self.by_nuisance), strict=True):
-            rows += share * corner
-        # It falls with heights, which fall with nuisance parameters.
-        rows[: len(direct)] -= direct
-        return _within(self.near, by_corner) + self._common(rows)
+        corners = zip(by_corner, _corners(self._by_independent), strict=True)
+        rows = sum(share * corner for share, corner in corners)
+        if len(direct):
+            # It falls with heights, which fall with nuisance parameters.
+            all_direct = np.zeros((len(self.information), *direct.shape[1:]))
+            all_direct[: len(direct)] = direct
+            rows = rows - self._of_independent(all_direct)
+        return _within(self.near, by_corner) + np.sum(rows**2, axis=0)
 
-    def _common(self, rows: FloatArray) -> FloatArray:
-        """Return the variances (…) of what changes by `rows` (P, …) with nuisance parameters."""
+    @cached_property
+    def _by_independent(self) -> FloatArray:
+        """How much heights (P, R, C) fall with independent parameters of unit sigma, metres."""
+        return self._of_independent(self.by_nuisance)
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        """Lower triangle of which the information on the estimated parameters is the square."""
+        free = ~self.considered
+        return np.linalg.cholesky(self.information[np.ix_(free, free)])
+
+    def _of_independent(self, rows: FloatArray) -> FloatArray:
+        """Return rows (P, …) by nuisance parameters as rows by independent ones of unit sigma."""
         flat = rows.reshape(len(rows), rows[0].size if len(rows) else 0)
-        if not len(rows):
-            return np.zeros(rows.shape[1:])
         fixed, free = self.considered, ~self.considered
-        root = np.linalg.cholesky(self.information[np.ix_(free, free)])
-        by_free = solve_triangular(root, flat[free], lower=True, check_finite=False)
-        common = solve_triangular(root, self.information[np.ix_(free, fixed)], lower=True)
-        response = flat[fixed] - common.T @ by_free
-        found = np.sum(by_free**2, axis=0) + self.sigma**2 * np.sum(response**2, axis=0)
-        return found.reshape(rows.shape[1:])
+        found = np.empty_like(flat)
+        found[free] = solve_triangular(self._root, flat[free], lower=True, check_finite=False)
+        common = solve_triangular(self._root, self.information[np.ix_(free, fixed)], lower=True)
+        found[fixed] = self.sigma * (flat[fixed] - common.T @ found[free])
+        return found.reshape(rows.shape)
 
 
 def _corners(layers: FloatArray) -> tuple[FloatArray, ...]:
@@ -87,7 +104,7 @@ def _within(near: FloatArray, by_corner: FloatArray) -> FloatArray:
     """Return the variances of cells from the covariances of their corners."""
     first, second, third, fourth = by_corner
     alone, over, below_left, below, below_right = near
-    found = np.zeros(first.shape)
+    found = np.zeros(alone[1:, 1:].shape)
     for share, own in zip(by_corner, _corners(alone), strict=True):
         found += share**2 * own
     found += 2.0 * (first * second * over[:-1, :-1] + third * fourth * over[1:, :-1])

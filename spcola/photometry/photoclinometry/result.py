@@ -124,7 +124,8 @@ class Photoclinometry:
     directions : (R − 1, C − 1) ndarray of int
         In how many directions images determine the slope of each cell: 0, 1 or 2.
     slope_sigma : (2, R − 1, C − 1) ndarray
-        Of ∂h/∂x and ∂h/∂y from images alone; infinite where they do not determine them.
+        Of ∂h/∂x and ∂h/∂y of the heights, by images, stereo and constraints; NaN where one of the
+        four heights is unknown, or they are those of the start.
     albedo_sigma : (R − 1, C − 1) ndarray
     images : tuple of ImageFit
     rounds : tuple of Round

@@ -46,8 +46,8 @@ from spcola.photometry.photoclinometry.surface_equations import (
     Reduced,
     albedo_sigma_of,
     changed_albedo,
+    determined_directions,
     height_equations,
-    image_slopes,
     reduce_albedo,
 )
 from spcola.photometry.secondary_light import SecondaryLight
@@ -339,7 +339,7 @@ def _result(work: _Work) -> Photoclinometry:
         nuisance_values(work.states), work.known, options.contrast_sigma
     )
     reduced = reduce_albedo(sums, work.surface, before, prior, options.albedo_sigma)
-    sigma, directions = image_slopes(reduced, options.determined_sigma)
+    directions = determined_directions(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | work.precise))
     outcome, reason = outcome_of(work.before, fits, work.rounds, determined, options)
     if outcome is Outcome.DIVERGED:
@@ -360,9 +360,14 @@ def _result(work: _Work) -> Photoclinometry:
         # Errors of the states are in the sigmas of the heights.
         center_sigma=np.zeros(3),
     )
+    gsd = maplet.grid.gsd
+    sloped = np.isfinite(cell_slopes(maplet.height, gsd))
+    # What the grid does not resolve is independent at the four points of a cell.
+    slope_variance = posterior.slopes(gsd) + at_cells(bend**2) / gsd**2
+    slope_sigma = np.where(sloped, np.sqrt(slope_variance), np.nan)
     albedo_sigma = options.convention.stated(albedo_sigma_of(reduced, posterior, options))
     return Photoclinometry(
-        maplet, directions, sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
+        maplet, directions, slope_sigma, albedo_sigma, fits, tuple(work.rounds), outcome, reason,
         work.light_ratio, work.shift_ratio, tuple(one.fit(maplet) for one in work.constraints),
     )  # fmt: skip
 
@@ -374,7 +379,7 @@ def _kept(work: _Work, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photocli
     return Photoclinometry(
         work.start,
         np.zeros((cells, cells), dtype=np.int8),
-        np.full((2, cells, cells), np.inf),
+        np.full((2, cells, cells), np.nan),
         np.full((cells, cells), work.options.albedo_sigma),
         fits,
         tuple(work.rounds),

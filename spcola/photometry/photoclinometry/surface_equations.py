@@ -313,17 +313,12 @@ def albedo_sigma_of(
     return np.minimum(np.sqrt(variance), options.albedo_sigma)
 
 
-def image_slopes(reduced: Reduced, most: float) -> tuple[FloatArray, AnyArray]:
-    """Return sigmas (2, R − 1, C − 1) of slopes by images alone, and determined directions.
+def determined_directions(reduced: Reduced, most: float) -> AnyArray:
+    """Return in how many directions images alone determine the slope of each cell (R − 1, C − 1).
 
     A direction is determined if the sigma of the slope along it is at most `most`.
     """
     xx, xy, yy = reduced.cells.normal[[0, 1, 3]]
     middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     least = most**-2
-    directions = (middle + apart >= least).astype(np.int8) + (middle - apart >= least)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        variance = np.stack([yy, xx]) / (xx * yy - xy * xy)
-    one = np.stack([xx, yy]) > 0.0
-    sigma = np.sqrt(np.where(one & (directions == 2), variance, np.inf))
-    return sigma, directions
+    return (middle + apart >= least).astype(np.int8) + (middle - apart >= least)

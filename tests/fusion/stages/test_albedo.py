@@ -12,7 +12,8 @@ from command_line import call, called, refused
 from fusion.stages.albedo import ALBEDO_KEYS
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
-from spcola.formats.maplets import read_albedo_sigma, read_map, read_maplet
+from spcola.formats.image_sigmas import read_albedo_sigma
+from spcola.formats.maplets import read_map, read_maplet
 from spcola.grids import project_maplet
 from spcola.truth.body import TruthBody
 

@@ -15,10 +15,12 @@ from fusion.pipeline import Subset
 from fusion.stages.lithos import PHOTOCLINOMETRY_KEYS, LithosOptions
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
+from spcola.formats.image_sigmas import read_slope_sigma
 from spcola.formats.maplets import write_maplet
 from spcola.formats.solution import read_summary, write_summary
 from spcola.grids import Maplet, MapletGrid
 from spcola.heights.slopes import slopes_of
+from spcola.photometry.photoclinometry.surface import cell_slopes
 from spcola.truth.body import TruthBody
 
 # Two maplets that many images show, and one near a pole.
@@ -85,6 +87,16 @@ def test_heights_err_by_their_sigmas(mission, solved):
     for name in SOME[:2]:
         maplet, truth = with_truth(mission, "images", name)
         pulls = ((maplet.height - truth) / maplet.sigma)[2:-2, 2:-2]
+        assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.4
+
+
+def test_slopes_err_by_the_sigmas_that_are_written(mission, solved):
+    folder = mission[0] / "solutions" / "images" / "MAPFILES"
+    for name in SOME[:2]:
+        maplet, truth = with_truth(mission, "images", name)
+        sigma = read_slope_sigma(folder / f"{name}.SSG", maplet.grid.half_size)
+        wrong = cell_slopes(maplet.height - truth, maplet.grid.gsd)
+        pulls = (wrong / sigma)[:, 2:-2, 2:-2]
         assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.4
 
 

@@ -12,12 +12,10 @@ from hypothesis import strategies as st
 
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.maplets import (
-    read_albedo_sigma,
     read_map,
     read_maplet,
     read_sigma,
     sigma_path,
-    write_albedo_sigma,
     write_maplet,
 )
 from spcola.formats.maplets.map_header import MapHeader, map_length
@@ -305,18 +303,3 @@ def test_what_the_reader_refuses_is_not_written(tmp_path):
     with pytest.raises(InvalidValueError, match="6 leading"):
         MapHeader(leading=b"LONGER THAN SIX")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_sigma_of_an_albedo_is_kept_where_it_is_known_and_where_it_is_not(tmp_path):
-    sigma = np.linspace(0.0, 0.5, 25).reshape(5, 5)
-    sigma[1, 3] = np.nan
-    write_albedo_sigma(tmp_path / "AB0001.MAP", sigma)
-    path = tmp_path / "AB0001.ASG"
-    # The fast index runs along Uy: rows.
-    assert np.frombuffer(path.read_bytes(), ">f4")[1] == np.float32(sigma[1, 0])
-    np.testing.assert_allclose(read_albedo_sigma(path, 2), sigma, rtol=1e-6)
-    with pytest.raises(FormatError, match="100 bytes, 196 belong"):
-        read_albedo_sigma(path, 3)
-    path.write_bytes(np.full(25, -0.1, ">f4").tobytes())
-    with pytest.raises(FormatError, match="no sigma of an albedo"):
-        read_albedo_sigma(path, 2)

@@ -101,8 +101,15 @@ def test_variances_of_cells_are_those_of_the_dense_inverse(dense):
     by_fixed = rows[:, ~free] - rows[:, free] @ inverse @ matrix[np.ix_(free, ~free)]
     exact = np.einsum("na,ab,nb->n", rows[:, free], inverse, rows[:, free])
     exact += sigma**2 * np.sum(by_fixed**2, axis=1)
-    found = surface.posterior(fixed, sigma).cells(weights, direct, GSD)
+    posterior = surface.posterior(fixed, sigma)
+    found = posterior.cells(weights, direct, GSD)
     np.testing.assert_allclose(found.ravel(), exact, rtol=1e-9)
+    # Slopes are such quantities, without a part that nuisance parameters change alone.
+    for axis, one in enumerate(posterior.slopes(GSD)):
+        weights = np.zeros((3, *CELLS))
+        weights[axis] = 1.0
+        alone = posterior.cells(weights, np.zeros((used, *CELLS)), GSD)
+        np.testing.assert_allclose(one, alone, rtol=1e-9)
 
 
 def test_a_direction_of_the_slope_enters_and_the_other_does_not():

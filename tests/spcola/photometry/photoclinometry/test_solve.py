@@ -26,6 +26,7 @@ from spcola.photometry.photoclinometry import (
     PhotoclinometryOptions,
     solve_photoclinometry,
 )
+from spcola.photometry.photoclinometry.surface import cell_slopes
 
 # Directions to camera and Sun.
 SIGHTS = [
@@ -175,7 +176,7 @@ def test_sigmas_contain_errors_of_contrast(painted, photographs):
     sigma = 0.03
     options = replace(FEW_ROUNDS, contrast_sigma=sigma)
     right = solved(painted, photographs, options)
-    pulls = []
+    pulls, tilts = [], []
     for seed in range(3):
         added = sigma * np.random.default_rng(seed).normal(size=len(photographs))
         wrong = [
@@ -183,11 +184,14 @@ def test_sigmas_contain_errors_of_contrast(painted, photographs):
             for one, share in zip(photographs, added, strict=True)
         ]
         found = solved(painted, wrong, options)
-        pulls.append(inner((found.maplet.height - right.maplet.height) / right.maplet.sigma))
-    spread = np.sqrt(np.mean(np.square(pulls)))
-    assert 0.5 < spread < 1.5
+        wrong_by = found.maplet.height - right.maplet.height
+        pulls.append(inner(wrong_by / right.maplet.sigma))
+        tilts.append(cell_slopes(wrong_by, painted.grid.gsd) / right.slope_sigma)
+    for spread in (np.sqrt(np.mean(np.square(one))) for one in (pulls, tilts)):
+        assert 0.5 < spread < 1.5, spread
     without = solved(painted, photographs, replace(options, contrast_sigma=1e-6))
     assert np.median(right.maplet.sigma) > 2.0 * np.median(without.maplet.sigma)
+    assert np.median(right.slope_sigma) > np.median(without.slope_sigma)
 
 
 def test_images_in_one_light_determine_one_direction_of_the_slope(painted, photographs):
@@ -199,12 +203,12 @@ def test_images_in_one_light_determine_one_direction_of_the_slope(painted, photo
     right = replace(FEW_ROUNDS, albedo_sigma=0.02, contrast_sigma=1e-6)
     found = solved(painted, images, right)
     assert np.median(inner(found.directions)) == 1
-    assert np.isinf(np.median(inner(found.slope_sigma[1])))
     assert found.outcome is Outcome.UNDETERMINED
     assert "both directions of the slope" in found.reason
     # One slope is free, so that heights are hardly better known than without any image.
     several = solved(painted, photographs, right)
     assert np.median(found.maplet.sigma) > 5.0 * np.median(several.maplet.sigma)
+    assert np.median(found.slope_sigma) > 20.0 * np.median(several.slope_sigma)
     heights = HeightConstraint.of_sigma("all", painted.heights(), 0.1)
     constrained = solved(painted, images, FEW_ROUNDS, constraints=[heights])
     assert constrained.outcome is not Outcome.UNDETERMINED
@@ -373,6 +377,8 @@ def test_ground_that_nothing_shows_stays_unknown(painted, photographs):
     assert np.isfinite(found.maplet.albedo).all()
     assert np.mean(found.maplet.albedo) == pytest.approx(0.5, abs=0.02)
     assert np.isnan(found.maplet.height[2:12, 2:12]).all()
+    assert np.isnan(found.slope_sigma[:, 2:12, 2:12]).all()
+    assert np.isfinite(found.slope_sigma[:, 25:, 25:]).all()
     assert (found.directions[2:12, 2:12] == 0).all()
     assert np.isfinite(found.maplet.height[25:, 25:]).all()
 
