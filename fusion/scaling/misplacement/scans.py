@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from fusion.scaling.fit.observation import TrajectorySource
 from fusion.scaling.geometry.placement import LidarPlacement
@@ -51,6 +52,7 @@ def check_scans(
     prior: FloatArray,
     known: LidarPlacement,
     trajectory: TrajectorySource = "reference",
+    each: Callable[[Callable[[Scan], PlaceCheck], list[Scan]], Iterable[PlaceCheck]] = map,
 ) -> ScanChecks:
     """Compare the fit of each scan at its stated position with that elsewhere.
 
@@ -63,6 +65,9 @@ def check_scans(
         With spacecraft positions and beams, in the frame of the shape, in order of time.
     caster, prior, known, trajectory
         As in :func:`fusion.scaling.misplacement.check_place`.
+    each : callable, optional
+        Applies a function to each group of scans, as the built-in ``map``; others do it in
+        parallel, or show progress.
 
     Returns
     -------
@@ -72,20 +77,16 @@ def check_scans(
     groups = _grouped(scans)
     if len(groups) < 2:
         return ScanChecks()
-    sample = max(_FEWEST, _SHOTS // len(groups))
-    checks = [
-        check_place(
-            join("group", group),
-            caster,
-            prior=prior,
-            known=known,
-            trajectory=trajectory,
-            sample=sample,
-        )
-        for group in groups
-    ]
+    check = partial(
+        check_place,
+        caster=caster,
+        prior=prior,
+        known=known,
+        trajectory=trajectory,
+        sample=max(_FEWEST, _SHOTS // len(groups)),
+    )
     names = tuple(tuple(scan.name for scan in group) for group in groups)
-    return ScanChecks(names, tuple(checks))
+    return ScanChecks(names, tuple(each(check, [join("group", group) for group in groups])))
 
 
 def _grouped(scans: Sequence[Scan]) -> list[list[Scan]]:

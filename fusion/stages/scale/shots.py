@@ -155,9 +155,7 @@ class _Shots:
         """Search for other places at which all shots, or those of single scans, fit the shape."""
         known = LidarPlacement.of(estimate.fit.estimate)
         scans = [scan for scan, _ in self.placed]
-        check, by_scan = _places(
-            scans, self.caster, options=options, known=known, trajectory=self.trajectory
-        )
+        check, by_scan = self._places(scans, options, known)
         crossings = compare_crossings(self.each(known), options.prior, known)
         content = {
             "longitude_check": place_json(check),
@@ -165,6 +163,28 @@ class _Shots:
         }
         scatter = expected_scatter(compared.observations, options)
         return content, [*place_findings(check, scatter), *scan_findings(by_scan, crossings)]
+
+    def _places(
+        self, scans: list[Scan], options: ScaleOptions, known: LidarPlacement
+    ) -> tuple[PlaceCheck, ScanChecks]:
+        """Search where all shots fit the shape; if that is not elsewhere, where single scans do."""
+        check = check_place(
+            join("shots", scans),
+            self.caster,
+            prior=options.prior,
+            known=known,
+            trajectory=self.trajectory,
+        )
+        if check.misfit:
+            return check, ScanChecks()
+        return check, check_scans(
+            scans,
+            self.caster,
+            prior=options.prior,
+            known=known,
+            trajectory=self.trajectory,
+            each=partial(self.context.map, "search other places of scans"),
+        )
 
 
 def _compared(
@@ -179,25 +199,6 @@ def _compared(
     scan, shares = placed
     return compare_shots(
         scan, caster, trajectory=trajectory, shares=shares, spots=spots, known=known
-    )
-
-
-def _places(
-    scans: list[Scan],
-    caster: RayCaster,
-    *,
-    options: ScaleOptions,
-    known: LidarPlacement,
-    trajectory: TrajectorySource,
-) -> tuple[PlaceCheck, ScanChecks]:
-    """Search where all shots fit the shape and, if that is not elsewhere, where single scans do."""
-    check = check_place(
-        join("shots", scans), caster, prior=options.prior, known=known, trajectory=trajectory
-    )
-    if check.misfit:
-        return check, ScanChecks()
-    return check, check_scans(
-        scans, caster, prior=options.prior, known=known, trajectory=trajectory
     )
 
 
