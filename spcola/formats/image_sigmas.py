@@ -24,12 +24,24 @@ _TYPE = ">f4"
 
 
 def albedo_sigma_path(path: str | Path) -> Path:
-    """Return the companion with the albedo's sigma: ``NAME.ASG`` next to ``NAME.MAP``."""
+    """Return the companion with the albedo's sigma: ``NAME.ASG`` next to ``NAME.MAP``.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the .MAP.
+    """
     return Path(path).with_suffix(".ASG")
 
 
 def slope_sigma_path(path: str | Path) -> Path:
-    """Return the companion with the sigma of slopes: ``NAME.SSG`` next to ``NAME.MAP``."""
+    """Return the companion with the sigma of slopes: ``NAME.SSG`` next to ``NAME.MAP``.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the .MAP.
+    """
     return Path(path).with_suffix(".SSG")
 
 
@@ -59,7 +71,15 @@ def read_albedo_sigma(path: str | Path, half_size: int) -> FloatArray:
 
 
 def write_albedo_sigma(path: str | Path, sigma: FloatArray) -> None:
-    """Write the albedo's sigma (2q+1, 2q+1) next to the .MAP `path`; NaN where unknown."""
+    """Write the sigma of the albedo of a .MAP, as :func:`read_albedo_sigma` reads it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the .MAP; the companion is written next to it.
+    sigma : (2q+1, 2q+1) ndarray
+        NaN where unknown.
+    """
     _write(albedo_sigma_path(path), np.asarray(sigma)[None])
 
 
@@ -88,7 +108,15 @@ def read_slope_sigma(path: str | Path, half_size: int) -> FloatArray:
 
 
 def write_slope_sigma(path: str | Path, sigma: FloatArray) -> None:
-    """Write the slopes' sigmas (2, 2q, 2q) next to the .MAP `path`; NaN where unknown."""
+    """Write the sigmas of the slopes of a .MAP, as :func:`read_slope_sigma` reads them.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the .MAP; the companion is written next to it.
+    sigma : (2, 2q, 2q) ndarray
+        Of ∂h/∂x and ∂h/∂y of cells, as tangents; NaN where unknown.
+    """
     _write(slope_sigma_path(path), np.asarray(sigma))
 
 
