@@ -106,7 +106,7 @@ def compared(root: Path, seed: int, width: float) -> Iterator[str]:
                 np.where(gap ^ outside, height, np.nan)
                 for height, gap in zip(truths, gaps, strict=True)
             ]
-            height, slope, pull, one, two = errors(maplets, chosen)
+            height, slope, pull, one, two = errors(list(zip(maplets, chosen, strict=True)))
             numbers = f"{height:9.3f}{slope:8.2f}{pull:7.2f}{one:9.2f}{two:9.2f}"
             lines.append(f"{title:18}{numbers}  {where}")
     yield f"stripes of {width:g} m without returns: {share:.0%} of the ground"
