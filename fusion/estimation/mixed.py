@@ -17,15 +17,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
+from fusion.estimation.equations import MixedEquations, spread_of
 from fusion.estimation.rank import check_rank
 from fusion.estimation.values import ErrorSizes, MixedFit, MixedOptions, Observations
 from fusion.runtime.machine import one_blas_thread
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.math.robust import huber_weight
-from spcola.math.statistics import most_likely_sizes
+from spcola.math.statistics import SizeLikelihood, most_likely_sizes
 
 
 def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
@@ -59,15 +59,16 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     check_rank(_scaled_normal_matrix(observations, options), options.names)
     # The matrices are small: BLAS threads would slow it down.
     with one_blas_thread():
-        state, solution = _reweight(observations, options)
-    residual, conditional = _residuals(observations, solution)
+        state, solved = _reweight(observations, options)
+    residual, conditional = _residuals(observations, solved)
+    parameters = slice(observations.design.shape[2])
     return MixedFit(
-        estimate=solution.estimate,
-        covariance=solution.joint[: len(solution.estimate), : len(solution.estimate)],
-        joint=solution.joint,
+        estimate=solved.solution[parameters],
+        covariance=solved.joint[parameters, parameters],
+        joint=solved.joint,
         residual=residual,
         conditional=conditional,
-        effects=solution.effects,
+        effects=solved.effects_of(observations),
         weight=state.before,
         sizes=state.sizes,
         iterations=state.rounds,
@@ -79,8 +80,8 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     )
 
 
-def _reweight(observations: Observations, options: MixedOptions) -> tuple[_State, _Solution]:
-    """Re-weight until the weights converge; return the solution with the last weights."""
+def _reweight(observations: Observations, options: MixedOptions) -> tuple[_State, MixedEquations]:
+    """Re-weight until the weights converge; return the equations with the last weights."""
     state = _State(np.ones(len(observations.value)), options.sizes)
     # Nothing is rejected before the weights have converged: a fit still biased by outliers would
     # reject good observations.
@@ -92,7 +93,7 @@ def _reweight(observations: Observations, options: MixedOptions) -> tuple[_State
         if not options.robust:
             break
     chosen, weight = observations.select(state.used), state.before[state.used]
-    return state, _solve(chosen, weight, options, state.sizes)
+    return state, MixedEquations.solved(chosen, weight, options, state.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,8 @@ def _round(
     used = state.weight > 0
     chosen, weight = observations.select(used), state.weight[used]
     sizes = _estimate_sizes(chosen, weight, options, state.sizes)
-    solution = _solve(chosen, weight, options, sizes)
-    _, conditional = _residuals(observations, solution)
+    solved = MixedEquations.solved(chosen, weight, options, sizes)
+    _, conditional = _residuals(observations, solved)
     new = state.weight
     if options.robust:
         new = _robust_weights(conditional, observations, sizes, reject)
@@ -135,18 +136,19 @@ def _round(
             do="check the single matches: they may be of another body or another epoch",
         )
     converged = same_rejected and bool(np.max(np.abs(new - state.weight)) < 1e-3)
-    estimate, moved = solution.estimate, np.inf
+    estimate, moved = solved.solution[: observations.design.shape[2]], np.inf
     if state.estimate.size:
-        sigma = np.sqrt(np.diag(solution.joint)[: len(estimate)])
+        sigma = np.sqrt(np.diag(solved.joint)[: len(estimate)])
         moved = float(np.max(np.abs(estimate - state.estimate) / sigma))
     return _State(new, sizes, state.weight, state.rounds + 1, converged, estimate, moved)
 
 
-def _residuals(observations: Observations, solution: _Solution) -> tuple[FloatArray, FloatArray]:
+def _residuals(observations: Observations, solved: MixedEquations) -> tuple[FloatArray, FloatArray]:
     """Residuals (N, D) including the estimated shared effects, and without them."""
-    residual = observations.value - np.einsum("ndp,p->nd", observations.design, solution.estimate)
+    estimate = solved.solution[: observations.design.shape[2]]
+    residual = observations.value - np.einsum("ndp,p->nd", observations.design, estimate)
     conditional = residual
-    for group, effect in zip(observations.effects, solution.effects, strict=True):
+    for group, effect in zip(observations.effects, solved.effects_of(observations), strict=True):
         conditional = conditional - np.einsum("ndr,r->nd", group, effect)
     return residual, conditional
 
@@ -160,93 +162,6 @@ def _scaled_normal_matrix(observations: Observations, options: MixedOptions) -> 
     return rows.T @ rows / len(rows) + np.diag(np.isfinite(options.prior).astype(np.float64))
 
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    estimate: FloatArray
-    effects: tuple[FloatArray, ...]
-    joint: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Normal equations of parameters and shared effects, of unit diagonal by `scale`.
-
-    Metres, radians and scales differ by many orders of magnitude.
-    """
-
-    normal: FloatArray
-    right: FloatArray
-    scale: FloatArray
-    deviance: float
-
-
-def _solve(
-    observations: Observations, weight: FloatArray, options: MixedOptions, sizes: ErrorSizes
-) -> _Solution:
-    """Solve for parameters and shared effects at given error sizes."""
-    equations = _equations(observations, weight, options, sizes)
-    inverse = np.linalg.inv(equations.normal)
-    both = equations.scale * (inverse @ equations.right)
-    count = observations.design.shape[2]
-    effects = _by_group(both[count:], observations, sizes)
-    joint = inverse * np.outer(equations.scale, equations.scale)
-    return _Solution(both[:count], effects, joint)
-
-
-def _equations(
-    observations: Observations, weight: FloatArray, options: MixedOptions, sizes: ErrorSizes
-) -> _Equations:
-    """Normal equations at given error sizes, and their deviance.
-
-    The shared effects are estimated as parameters with prior precision 1/σ_g² (Henderson's form of
-    the same estimator), so no N × N covariance is built.
-    """
-    spread = _spread(observations, sizes) / weight[:, None, None]
-    # A group of size 0 has no effects.
-    groups = [
-        (size, group)
-        for size, group in zip(sizes.shared, observations.effects, strict=True)
-        if size > 0
-    ]
-    design = np.concatenate([observations.design, *(group for _, group in groups)], axis=2)
-    whitener = np.linalg.inv(np.linalg.cholesky(spread))
-    rows = np.einsum("nij,njp->nip", whitener, design).reshape(-1, design.shape[2])
-    whitened = np.einsum("nij,nj->ni", whitener, observations.value).ravel()
-    own = np.concatenate([np.empty(0), *(np.full(group.shape[2], size) for size, group in groups)])
-    precision = np.concatenate([1.0 / options.prior**2, 1.0 / own**2])
-    normal = rows.T @ rows + np.diag(precision)
-    scale = 1.0 / np.sqrt(np.diag(normal))
-    normal *= np.outer(scale, scale)
-    right = scale * (rows.T @ whitened)
-    lower = np.linalg.cholesky(normal)
-    explained = solve_triangular(lower, right, lower=True)
-    deviance = (
-        float(whitened @ whitened - explained @ explained)
-        - 2.0 * float(np.sum(np.log(np.einsum("nii->ni", whitener))))
-        + 2.0 * float(np.sum(np.log(np.diag(lower) / scale)))
-        + 2.0 * float(np.sum(np.log(own)))
-    )
-    return _Equations(normal, right, scale, deviance)
-
-
-def _spread(observations: Observations, sizes: ErrorSizes) -> FloatArray:
-    """Covariance (N, D, D) of each observation with the independent error added."""
-    size = observations.value.shape[1]
-    return observations.covariance + sizes.independent**2 * np.eye(size)
-
-
-def _by_group(
-    estimates: FloatArray, observations: Observations, sizes: ErrorSizes
-) -> tuple[FloatArray, ...]:
-    """Split the estimated effects into their groups; those of a group of size 0 are 0."""
-    parts, start = [], 0
-    for size, group in zip(sizes.shared, observations.effects, strict=True):
-        count = group.shape[2]
-        parts.append(estimates[start : start + count] if size > 0 else np.zeros(count))
-        start += count if size > 0 else 0
-    return tuple(parts)
-
-
 def _estimate_sizes(
     observations: Observations, weight: FloatArray, options: MixedOptions, start: ErrorSizes
 ) -> ErrorSizes:
@@ -257,17 +172,15 @@ def _estimate_sizes(
     if options.sizes.width <= 0 or not free.size:
         return start
 
-    def deviance(values: FloatArray) -> float:
-        return _equations(observations, weight, options, _sized(start, free, values)).deviance
+    def likelihood(values: FloatArray) -> SizeLikelihood:
+        sizes = _sized(start, free, values)
+        every = MixedEquations.solved(observations, weight, options, sizes).likelihood()
+        return SizeLikelihood(
+            every.deviance, every.gradient[free], every.information[np.ix_(free, free)]
+        )
 
     found = most_likely_sizes(
-        deviance,
-        prior[free],
-        width=options.sizes.width,
-        start=start.all[free],
-        steps=np.full(len(free), 0.4),
-        reach=10.0,
-        tolerance=(1e-2, 1e-3),
+        likelihood, prior[free], width=options.sizes.width, start=start.all[free]
     )
     return _sized(start, free, found)
 
@@ -283,7 +196,7 @@ def _robust_weights(
     conditional: FloatArray, observations: Observations, sizes: ErrorSizes, reject: float
 ) -> FloatArray:
     """Huber weights (N,) from the residuals in units of their standard deviations."""
-    solved = np.linalg.solve(_spread(observations, sizes), conditional[..., None])[..., 0]
+    solved = np.linalg.solve(spread_of(observations, sizes), conditional[..., None])[..., 0]
     distance = np.sqrt(np.einsum("ni,ni->n", conditional, solved) / conditional.shape[1])
     weights: FloatArray = huber_weight(distance, k=2.0)
     weights[distance > reject] = 0.0

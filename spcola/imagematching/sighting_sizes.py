@@ -11,14 +11,14 @@ from spcola.arrays import FloatArray
 from spcola.camera import partials_position
 from spcola.control.estimation import by_position_and_pointing
 from spcola.imagematching.sighting import Sighting
-from spcola.math.statistics import most_likely_sizes
+from spcola.math.statistics import SizeLikelihood, most_likely_sizes
 
 # Prior standard deviation of the logarithms of the factors: of matches and pointing a factor e²; of
 # positions, whose sigmas the solution states, e.
 _WIDTHS = np.array([2.0, 1.0, 2.0])
-# Bound of the logarithms of factors, and first steps of the search.
-_REACH = 6.0
-_STEPS = np.array([0.7, -0.4, -0.7])
+
+# Residuals (K,) of a sighting, and their covariances (3, K, K) by each factor.
+_Case = tuple[FloatArray, FloatArray]
 
 
 class SizeFactors(NamedTuple):
@@ -58,27 +58,29 @@ def estimate_factors(sightings: Sequence[Sighting]) -> SizeFactors:
     if not cases:
         return SizeFactors(1.0, 1.0, 1.0)
 
-    def deviance(factors: FloatArray) -> float:
-        total = 0.0
-        for left, parts in cases:
-            root = np.linalg.cholesky(np.tensordot(factors**2, parts, axes=1))
-            white = np.linalg.solve(root, left)
-            total += float(white @ white) + 2.0 * float(np.sum(np.log(np.diag(root))))
-        return total
-
     found = most_likely_sizes(
-        deviance,
-        np.ones(3),
-        width=_WIDTHS,
-        start=np.ones(3),
-        steps=_STEPS,
-        reach=_REACH,
-        tolerance=(0.02, 0.02),
+        lambda factors: _likelihood(cases, factors), np.ones(3), width=_WIDTHS, start=np.ones(3)
     )
     return SizeFactors(*found.tolist())
 
 
-def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray]:
+def _likelihood(cases: Sequence[_Case], factors: FloatArray) -> SizeLikelihood:
+    """Likelihood of three factors, of residuals and their covariances by each."""
+    deviance, gradient, information = 0.0, np.zeros(3), np.zeros((3, 3))
+    for left, parts in cases:
+        # ∂V/∂ ln f, of a covariance V = Σ f² parts.
+        changes = 2.0 * (factors**2)[:, None, None] * parts
+        inverse_root = np.linalg.inv(np.linalg.cholesky(0.5 * changes.sum(axis=0)))
+        white = inverse_root @ left
+        changes = inverse_root @ changes @ inverse_root.T
+        working = changes @ white
+        deviance += float(white @ white) - 2.0 * float(np.sum(np.log(np.diag(inverse_root))))
+        gradient += np.trace(changes, axis1=1, axis2=2) - working @ white
+        information += working @ working.T
+    return SizeLikelihood(deviance, gradient, information)
+
+
+def _case(sighting: Sighting) -> _Case:
     """Residuals (K,) not absorbed by the place, and their covariances (3, K, K) by each factor."""
     solution = sighting.solve()
     place, count = solution.estimate, len(sighting)

@@ -8,10 +8,11 @@ from spcola.math.statistics.shared_errors import (
     strongest,
 )
 from spcola.math.statistics.tails import chi_square_tail
-from spcola.math.statistics.variance_components import most_likely_sizes
+from spcola.math.statistics.variance_components import SizeLikelihood, most_likely_sizes
 
 __all__ = [
     "SHARED",
+    "SizeLikelihood",
     "chi_square_tail",
     "covariance_root",
     "most_likely_sizes",
