@@ -2,7 +2,8 @@
 
 A cell between four points is spread over pixels as a rectangle along lines and samples with the
 second moments of its footprint and of the point spread: its share of a pixel is the product of two
-overlaps, so that neither polygons nor convolutions are needed.
+overlaps, so that neither polygons nor convolutions are needed. What cells, even by themselves,
+take from the contrast of the ground is given back (:func:`sharpen_cells`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ FACTORS = UNKNOWNS + 4
 _IN_FACTORS = (0, 1, 2, 3, 4, 7, 8, 9)
 # Sums of a cell over its pixels, and numbers of the normal equations of its unknowns.
 _TOTALS, EQUATIONS = 5, 14
+# Share of the Laplacian that two means over a cell leave: a 24th each.
+_SHARPENING = 1.0 / 12.0
 # Smallest extent of a cell in the image, pixels: its centre lies in one pixel then.
 _LEAST_EXTENT = 1e-6
 
@@ -150,17 +153,49 @@ def shade_cells(
 
 
 @compiled
-def spread_cells(
-    boxes: FloatArray, albedo: FloatArray, lit: FloatArray, shade: FloatArray, sums: FloatArray
-) -> None:
+def sharpen_cells(light: FloatArray, whole: FloatArray, sharp: FloatArray) -> None:
+    """Fill `sharp` with the light of cells less a twelfth of its Laplacian.
+
+    The slopes of a cell are means over it, and it is spread as an even rectangle: both average over
+    a cell what a pixel would see. Two means over a width g change a wave as a twelfth of g² times
+    the Laplacian does, to second order. Ground next to cells in shadow or hidden is not changed.
+    Derivatives are those without it: the next round has what they miss.
+
+    Parameters
+    ----------
+    light : (R − 1, C − 1) ndarray
+    whole : (R − 1, C − 1) ndarray
+        1 for cells that are seen and lit, 0 for others.
+    sharp : (R − 1, C − 1) ndarray
+    """
+    rows, cells = light.shape
+    for i in range(rows):
+        here, out, counts = light[i], sharp[i], whole[i]
+        # Beyond an edge is the cell itself: no difference.
+        above, under = light[max(i - 1, 0)], light[min(i + 1, rows - 1)]
+        counts_above, counts_under = whole[max(i - 1, 0)], whole[min(i + 1, rows - 1)]
+        for j in range(cells):
+            out[j] = counts_above[j] * (here[j] - above[j]) + counts_under[j] * (here[j] - under[j])
+        for j in range(1, cells):
+            out[j] += counts[j - 1] * (here[j] - here[j - 1])
+        for j in range(cells - 1):
+            out[j] += counts[j + 1] * (here[j] - here[j + 1])
+        for j in range(cells):
+            out[j] = here[j] + _SHARPENING * counts[j] * out[j]
+
+
+@compiled
+def spread_cells(boxes: FloatArray, light: FloatArray, lit: FloatArray, sums: FloatArray) -> None:
     """Add to `sums` (3, H, W) the area of cells in each pixel, their light and half-lit area.
 
     Parameters
     ----------
     boxes : (5, R − 1, C − 1) ndarray
         From :func:`box_cells`.
-    albedo, lit, shade : (R − 1, C − 1) ndarrays
-        Relative albedo of each cell, its share that is lit, and Φ.
+    light : (R − 1, C − 1) ndarray
+        Brightness of each cell.
+    lit : (R − 1, C − 1) ndarray
+        Its share that is lit.
     sums : (3, H, W) ndarray
     """
     for i in range(lit.shape[0]):
@@ -168,7 +203,7 @@ def spread_cells(
             left, right, top, bottom, unit = _box(boxes, i, j)
             if not unit > 0.0:
                 continue
-            light, partly = albedo[i, j] * shade[i, j] * lit[i, j], 0.0 < lit[i, j] < 1.0
+            bright, partly = light[i, j], 0.0 < lit[i, j] < 1.0
             low, high = _reach(top, bottom, sums.shape[1])
             first, after = _reach(left, right, sums.shape[2])
             for y in range(low, high):
@@ -176,7 +211,7 @@ def spread_cells(
                 for x in range(first, after):
                     part = across * _overlap(left, right, x)
                     sums[0, y, x] += part
-                    sums[1, y, x] += part * light
+                    sums[1, y, x] += part * bright
                     if partly:
                         sums[2, y, x] += part
 

@@ -232,16 +232,12 @@ def gathered(
 
 
 def constrained_points(
-    constraints: tuple[HeightConstraint, ...], grid: MapletGrid, slope_sigma: float
+    constraints: tuple[HeightConstraint, ...], grid: MapletGrid, reach: float
 ) -> BoolArray:
-    """Return the points (R, C) whose heights constraints determine to better than a GSD.
-
-    Slopes are known about those of the start by `slope_sigma`, so that within 1 / slope_sigma²
-    cells of a height of such a sigma, errors of slopes that are independent add up to no more.
-    """
+    """Return the points (R, C) within `reach` cells of heights that are known to a GSD."""
     weight = np.sum([np.zeros(grid.shape), *(one.weight for one in constraints)], axis=0)
     known = weight >= grid.gsd**-2
     if not known.any():
         return known
-    near: BoolArray = ndimage.distance_transform_edt(~known) <= slope_sigma**-2
+    near: BoolArray = ndimage.distance_transform_edt(~known) <= reach
     return near

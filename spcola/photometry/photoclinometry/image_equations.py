@@ -16,6 +16,7 @@ from spcola.photometry.photoclinometry.cell_pixels import (
     box_cells,
     gather_cells,
     shade_cells,
+    sharpen_cells,
     spread_cells,
 )
 from spcola.photometry.photoclinometry.image_window import ImageWindow
@@ -126,8 +127,11 @@ def _ground_in(
 
 def _compared(window: ImageWindow, surface: Surface, ground: _Ground) -> Compared:
     """Spread the brightness of cells over the pixels of an image [16]."""
-    sums = np.zeros((3, *window.pixels.shape))
-    spread_cells(ground.boxes, surface.albedo, ground.lit, ground.shades[0], sums)
+    light = surface.albedo * ground.shades[0] * ground.lit
+    whole = (ground.boxes[-1] > 0.0) & (ground.lit >= 1.0)
+    sharp, sums = np.empty_like(light), np.zeros((3, *window.pixels.shape))
+    sharpen_cells(light, whole.astype(np.float64), sharp)
+    spread_cells(ground.boxes, sharp, ground.lit, sums)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     expect_pixels(sums, window.usable, _FILLED, used)
     return Compared(used, *sums)

@@ -69,6 +69,9 @@ class PhotoclinometryOptions:
     bend_sigma : float
         Standard deviation of the error of heights, of the bending of the surface around (m): edges
         and tops of boulders that the grid does not resolve.
+    top_sigma : float
+        The same of an error that the points of a top have in common, where nothing but images shows
+        it: the slopes of its sides are drawn to those of the start, or count as outliers.
     relief_albedo_sigma : float
         Standard deviation of the error of the albedo by relief that the grid does not resolve,
         relative: it darkens and brightens cells in all images alike.
@@ -100,7 +103,7 @@ class PhotoclinometryOptions:
     contrast_sigma: float = 0.04
     shift_sigma_px: float = 0.05
     slope_sigma: float = 0.3
-    twist_sigma: float = 0.25
+    twist_sigma: float = 0.35
     least_error: float = 0.01
     least_brightness: float = 1.0
     loss_scale: float = 3.0
@@ -108,6 +111,7 @@ class PhotoclinometryOptions:
     least_elevation_deg: float = 20.0
     error_factor: float = 1.1
     bend_sigma: float = 0.14
+    top_sigma: float = 0.26
     relief_albedo_sigma: float = 0.01
     constraint_fraction: float = 1.0
     seed: int = 1
@@ -119,7 +123,8 @@ class PhotoclinometryOptions:
         for name in (
             "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma",
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
-            "error_factor", "bend_sigma", "relief_albedo_sigma", "settled_gsd", "settled_albedo",
+            "error_factor", "bend_sigma", "top_sigma", "relief_albedo_sigma", "settled_gsd",
+            "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -55,10 +55,14 @@ from spcola.shape import RayCaster
 
 # Standard deviation of the change of the mean height in a round, GSDs.
 _MOST_RISE = 3.0
+# Sigma of a mean height that nothing determines, GSDs; without it the equations are singular.
+_UNKNOWN_MEAN = 1000.0
 # Outliers are weighed down little by little: on a smooth start boulders are the largest of them,
 # and would never rise. In the first round of the finest level the loss is so many times as wide, in
 # each further one by this factor less, down to its own width. Coarser ones do not resolve boulders.
 _WIDE, _NARROWER = 4.0, 0.7
+# Cells from a constraining height within which it measures the top of a boulder.
+_MEASURED_CELLS = 2.0
 
 
 def solve_photoclinometry(
@@ -187,10 +191,21 @@ class _Work:
 
     @cached_property
     def precise(self) -> BoolArray:
-        """Cells (R − 1, C − 1) whose heights constraints determine to better than the GSD."""
-        grid = self.start.grid
-        points = constrained_points(self.constraints, grid, self.options.slope_sigma)
+        """Cells (R − 1, C − 1) whose heights constraints determine to better than the GSD.
+
+        Slopes are known about those of the start by `slope_sigma`, so that within 1 / slope_sigma²
+        cells of a height of such a sigma, errors of slopes that are independent add up to no more.
+        """
+        reach = self.options.slope_sigma**-2
+        points = constrained_points(self.constraints, self.start.grid, reach)
         return at_cells(points.astype(np.float64)) > 0.0
+
+    @property
+    def bend_errors(self) -> tuple[FloatArray, FloatArray]:
+        """Errors of heights (R, C) where the surface bends, m: single ones, and of whole tops."""
+        bend, options = bending_around(self.surface.height), self.options
+        measured = constrained_points(self.constraints, self.start.grid, _MEASURED_CELLS)
+        return options.bend_sigma * bend, np.where(measured, 0.0, options.top_sigma) * bend
 
     def fits(self) -> tuple[ImageFit, ...]:
         """Return how each image fits the surface."""
@@ -348,10 +363,11 @@ def _result(work: _Work) -> Photoclinometry:
     touched = at_cells(np.pad(directions.astype(np.float64), 1)) > 0.0
     known |= touched
     trusted = reduced.of_cells(directions == 2)
-    equations = height_equations(trusted, work.surface, work.priors, options)
+    farthest = _UNKNOWN_MEAN * work.surface.gsd
+    equations = height_equations(trusted, work.surface, work.priors, options, most_m=farthest)
     posterior = equations.posterior(contrast, options.contrast_sigma)
-    bend = options.bend_sigma * bending_around(work.surface.height)
-    height_sigma = np.sqrt(posterior.heights() + bend**2)
+    bend, top = work.bend_errors
+    height_sigma = np.sqrt(posterior.heights() + bend**2 + top**2)
     maplet = replace(
         work.start,
         height=np.where(known, work.surface.height, np.nan),

@@ -10,6 +10,7 @@ from spcola.photometry.photoclinometry.cell_pixels import (
     box_cells,
     gather_cells,
     shade_cells,
+    sharpen_cells,
     spread_cells,
 )
 
@@ -68,8 +69,14 @@ def boxes_of(where, blur=0.0, seen=1.0, facing=1.0):
 
 def spread(boxes, albedo, lit=1.0, shape=(20, 20)):
     sums = np.zeros((3, *shape))
-    spread_cells(boxes, albedo, np.full(CELLS, lit), np.ones(CELLS), sums)
+    spread_cells(boxes, lit * albedo, np.full(CELLS, lit), sums)
     return sums
+
+
+def sharpened(light, whole=1.0):
+    sharp = np.empty(light.shape)
+    sharpen_cells(light, np.broadcast_to(whole, light.shape).astype(float), sharp)
+    return sharp
 
 
 def test_light_is_conserved_and_ground_seen_evenly_is_even():
@@ -100,6 +107,40 @@ def test_square_cells_have_their_exact_overlaps_with_pixels():
     assert sums[0][4, 4] == pytest.approx(1.0)
     assert sums[0][4, 2] == pytest.approx(0.75)
     assert sums[0].sum() == pytest.approx(0.25 * CELLS[0] * CELLS[1])
+
+
+@pytest.mark.parametrize("cells_a_wave", [5.0, 8.0, 16.0])
+@pytest.mark.parametrize("pixels_a_cell", [0.61, 1.37, 1.87])
+def test_cells_do_not_take_contrast_from_waves_of_the_ground(cells_a_wave, pixels_a_cell):
+    """Pixels see waves of slopes as the ground itself has them, to 3 % of their contrast."""
+    number, wave = 200, 2 * np.pi / cells_a_wave
+    corners = np.arange(number + 1.0)
+    # Means of cos(wave x) over each cell, as its slopes are.
+    light = np.tile(np.diff(np.sin(wave * corners)) / wave, (number, 1))
+    y, x = np.meshgrid(pixels_a_cell * corners, pixels_a_cell * corners, indexing="ij")
+    boxes = np.empty((5, number, number))
+    box_cells(x, y, 1.0, 0.0, np.ones((number, number)), boxes)
+    edges = np.arange(int(pixels_a_cell * number) + 1.0) / pixels_a_cell
+    truth = (np.diff(np.sin(wave * edges)) / wave * pixels_a_cell)[4:-4]
+
+    def contrast(light):
+        sums = np.zeros((3, len(edges) - 1, len(edges) - 1))
+        spread_cells(boxes, light, np.ones(light.shape), sums)
+        return (sums[1] / sums[0])[len(truth) // 2, 4:-4] @ truth / (truth @ truth)
+
+    assert contrast(sharpened(light)) == pytest.approx(1.0, abs=0.03)
+    # To second order two means over a cell take this of it.
+    assert 1.0 - contrast(light) == pytest.approx(wave**2 / 12.0, rel=0.15)
+
+
+def test_ground_at_the_edge_of_a_shadow_is_not_sharpened():
+    light, whole = RNG.uniform(0.5, 1.5, CELLS), np.ones(CELLS)
+    whole[:, 4] = 0.0
+    sharp = sharpened(light, whole)
+    np.testing.assert_array_equal(sharp[:, 4], light[:, 4])
+    np.testing.assert_allclose(sharp[:, :4], sharpened(light[:, :4].copy()))
+    assert sharp.sum() == pytest.approx(light.sum())
+    np.testing.assert_allclose(sharpened(np.ones(CELLS)), 1.0)
 
 
 def test_right_hand_side_is_the_gradient_of_the_squared_residuals():

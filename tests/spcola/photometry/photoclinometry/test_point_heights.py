@@ -211,17 +211,17 @@ def test_relief_within_cells_contradicts_no_surface_but_an_offset_does():
     assert constraint_of("returns", GRID, lone).fit(flat).ratio > 5.0
 
 
-def test_a_height_is_carried_as_far_as_slopes_are_known():
+def test_a_height_is_carried_as_far_as_asked():
     grid = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 20)
     height = np.full(grid.shape, np.nan)
     height[20, 20] = 1.0
     one = (HeightConstraint.of_sigma("one", height, 0.05),)
-    near = constrained_points(one, grid, 0.3)
+    near = constrained_points(one, grid, 11.1)
     assert near[20, 31]
     assert not near[20, 32]
     vague = (HeightConstraint.of_sigma("vague", height, 0.6),)
-    assert not constrained_points(vague, grid, 0.3).any()
-    assert not constrained_points((), grid, 0.3).any()
+    assert not constrained_points(vague, grid, 11.1).any()
+    assert not constrained_points((), grid, 11.1).any()
 
 
 @pytest.mark.parametrize(

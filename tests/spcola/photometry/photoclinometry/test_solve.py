@@ -171,6 +171,20 @@ def test_stereo_gives_the_height_without_any_constraint(painted, photographs):
     assert abs(np.mean(inner(found.maplet.height - painted.heights()))) < 0.1
 
 
+def test_a_mean_height_that_nothing_determines_has_a_sigma_beyond_all_relief(painted):
+    """In one light no cell has both directions of its slope, and its stereo is not used."""
+    light = [0.7, 0.0, 0.7]
+    images = [
+        painted.photograph(f"S{k}", toward, light, size=90)
+        for k, toward in enumerate([[0.3, 0.2, 1.0], [-0.2, 0.3, 1.0], [0.1, -0.3, 1.0]])
+    ]
+    found = solved(painted, images, FEW_ROUNDS, constraints=[])
+    assert not (found.directions == 2).any()
+    known = np.isfinite(found.maplet.height)
+    assert known.any()
+    assert np.all(found.maplet.sigma[known] > 100.0 * painted.grid.gsd)
+
+
 def test_sigmas_contain_errors_of_contrast(painted, photographs):
     """Brightness is added to each image: relief looks lower, and the surface is tilted and bent."""
     sigma = 0.03
@@ -251,10 +265,17 @@ def test_images_of_other_ground_are_named_and_little_harm_is_done(painted, photo
 
 
 def test_sigmas_grow_where_the_surface_bends(painted, photographs):
-    plain = solved(painted, photographs, replace(FEW_ROUNDS, bend_sigma=1e-9)).maplet
-    found = solved(painted, photographs, FEW_ROUNDS).maplet
+    """Most where images alone show it: a height measures the top of a boulder within two cells."""
+    height = np.full(painted.grid.shape, np.nan)
+    height[20, 20] = painted.heights()[20, 20]
+    one = (HeightConstraint.of_sigma("one", height, 0.1),)
+    without = replace(FEW_ROUNDS, bend_sigma=1e-9, top_sigma=1e-9)
+    plain = solved(painted, photographs, without, constraints=one).maplet
+    found = solved(painted, photographs, FEW_ROUNDS, constraints=one).maplet
     np.testing.assert_array_equal(found.height, plain.height)
-    added = FEW_ROUNDS.bend_sigma * bending_around(found.height)
+    y, x = np.indices(height.shape)
+    top = np.where(np.hypot(y - 20, x - 20) <= 2.0, 0.0, FEW_ROUNDS.top_sigma)
+    added = np.hypot(FEW_ROUNDS.bend_sigma, top) * bending_around(found.height)
     np.testing.assert_allclose(found.sigma, np.hypot(plain.sigma, added))
 
 
@@ -285,8 +306,8 @@ def test_a_boulder_on_a_smooth_start_is_no_outlier(painted, monkeypatch):
 
     slowly = error()
     monkeypatch.setattr("spcola.photometry.photoclinometry.solve._WIDE", 1.0)
-    # 0.017 and 0.031 m.
-    assert slowly < 0.6 * error()
+    # 0.018 and 0.026 m.
+    assert slowly < 0.75 * error()
 
 
 def test_the_last_round_has_the_loss_that_is_asked_for(painted, photographs, monkeypatch):
