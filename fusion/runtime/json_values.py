@@ -12,6 +12,8 @@ from typing import Any
 
 from spcola.errors import InvalidValueError
 
+_PLAIN = (str, int, bool, type(None))
+
 
 def json_text(content: Mapping[str, Any]) -> str:
     """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null.
@@ -31,6 +33,12 @@ def json_text(content: Mapping[str, Any]) -> str:
 
 def json_value(value: Any) -> Any:
     """Return `value` in JSON types; NaN and infinity become None."""
+    # Most values are plain ones: they are found by their types, which is fastest.
+    kind = type(value)
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind in _PLAIN:
+        return value
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
     # No value is numpy's before something has imported numpy, which takes a tenth of a second.

@@ -118,11 +118,13 @@ def shape_layers(workspace: Workspace) -> list[dict[str, Any]]:
         If a folder cannot be listed.
     """
     found = []
+    every = {kind for kinds in SHAPE_LAYERS.values() for kind in kinds}
+    numbers = {kind: len(surface_names(workspace, kind)) for kind in every}
     for name, kinds in SHAPE_LAYERS.items():
-        for kind, names in _first_there(workspace, kinds):
+        for kind in [each for each in kinds if numbers[each]][:1]:
             about = LAYERS[name]
             known = {"text": about.text, "unit": about.unit, "colours": about.colours}
-            found.append({"name": name, **known, "of": kind.value, "surfaces": len(names)})
+            found.append({"name": name, **known, "of": kind.value, "surfaces": numbers[kind]})
     return found
 
 
