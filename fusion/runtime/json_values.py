@@ -44,7 +44,11 @@ def json_value(value: Any) -> Any:
     # No value is numpy's before something has imported numpy, which takes a tenth of a second.
     if np := sys.modules.get("numpy"):
         if isinstance(value, np.ndarray):
-            return json_value(value.tolist())
+            # Values without NaN need not be looked at one by one.
+            is_plain = value.dtype.kind in "biuU" or (
+                value.dtype.kind == "f" and bool(np.isfinite(value).all())
+            )
+            return value.tolist() if is_plain else json_value(value.tolist())
         if isinstance(value, np.generic):
             return json_value(value.item())
     if isinstance(value, float):

@@ -6,6 +6,7 @@ import { labelled } from "../look";
 import { histogram, pointsPlot, type Points } from "../plots";
 import { hrefOf, keepInAddress, type Route, type View } from "../router";
 import { table, type Column } from "../table";
+import { pathOfResiduals } from "./ahead";
 
 interface Match {
   name: string;
@@ -56,8 +57,10 @@ const COLUMNS: Column<Match>[] = [
 export const registration: View = {
   title: "Registration",
   async open(root, route, signal) {
-    const found = await getJson<Residuals>(pathOf(route.workspace, "registration", "residuals"), { signal });
-    const scans = await scanTable(route.workspace, signal);
+    const [found, scans] = await Promise.all([
+      getJson<Residuals>(pathOfResiduals(route.workspace), { signal }),
+      scanTable(route.workspace, signal),
+    ]);
     fill(root, element("h1", {}, "Registration"), summary(found), element("div", { class: "plots" }), element("h2", {}, "Matches"), matchTable(found.matches, route));
     const plots = root.querySelector<HTMLElement>(".plots")!;
     drawPlots(plots, found.matches, route, signal);
