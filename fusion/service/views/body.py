@@ -25,6 +25,7 @@ __all__ = [
     "PAGE_FACETS",
     "SHAPE_LAYERS",
     "mesh_bytes",
+    "shape_bytes",
     "shape_etag",
     "shape_layers",
     "shape_mesh",
@@ -103,6 +104,31 @@ def mesh_bytes(mesh: Mesh) -> bytes:
         mesh.facets.astype("<u4").tobytes(),
     )
     return b"".join(parts)
+
+
+def shape_bytes(
+    workspace: Workspace, facets: int | None = None, *, cache: LayerCache | None = None
+) -> bytes:
+    """Return :func:`shape_mesh` as :func:`mesh_bytes`, kept as long as the file is the same.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    facets : int, optional
+    cache : LayerCache, optional
+
+    Raises
+    ------
+    SpcolaError
+        If there is no shape, or it cannot be read.
+    """
+    kept = cache or LayerCache()
+
+    def make() -> dict[Hashable, AnyArray]:
+        content = mesh_bytes(shape_mesh(workspace, facets, cache=kept))
+        return {"bytes": np.frombuffer(content, dtype=np.uint8)}
+
+    return kept.find((*_key(workspace, facets), "bytes"), "bytes", make, slow=True).tobytes()
 
 
 def shape_layers(workspace: Workspace) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ import {
 import type { Rgb } from "../../colormaps";
 import { setCamera, towards, type Look } from "./camera";
 import { DetailChoice, DETAILS } from "./detail";
-import type { BodyMesh } from "./mesh";
+import { facing, type BodyMesh } from "./mesh";
 import { linesOf, simplify, type Outline } from "./outlines";
 import { FRAGMENT, NOTHING, PICK_FRAGMENT, VERTEX } from "./shaders";
 import { SmoothPicture } from "./smooth";
@@ -67,6 +67,9 @@ export class BodyScene {
   private light: Vector3 | null = null;
   private asked = 0;
   private settling = 0;
+  /** From where, and how many facets of the whole mesh were seen last. */
+  private faced: Vector3 | null = null;
+  private facing = 0;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -74,7 +77,7 @@ export class BodyScene {
     readonly mesh: BodyMesh,
     private readonly measured: (cost: number) => void,
   ) {
-    this.meshes = [mesh.faces, ...mesh.coarse].map((faces) => new BufferAttribute(faces, 1));
+    this.meshes = [new Uint32Array(mesh.faces.length), ...mesh.coarse].map((faces) => new BufferAttribute(faces, 1));
     this.geometry.setAttribute("position", new BufferAttribute(mesh.positions, 3));
     this.geometry.setAttribute("normal", new BufferAttribute(mesh.normals, 4, true));
     this.setValues(null);
@@ -218,6 +221,8 @@ export class BodyScene {
     this.shineAndFace();
     const { detail } = this;
     this.geometry.setIndex(this.meshes[DETAILS[detail]!.mesh]!);
+    if (detail > 0) this.geometry.setDrawRange(0, Infinity);
+    else this.faceEye();
     for (const each of this.lines.values()) simplify(each, detail > 0);
     const begin = performance.now();
     if (detail > 0) this.renderer.render(this.scene, this.camera);
@@ -242,6 +247,20 @@ export class BodyScene {
   get fits(): boolean {
     const size = this.renderer.getSize(new Vector2());
     return size.x === this.canvas.clientWidth && size.y === this.canvas.clientHeight;
+  }
+
+  /** Draw of the whole mesh what faces the camera: half of the work where there is no graphics processor. */
+  private faceEye(): void {
+    const { eye } = this;
+    const [whole] = this.meshes as [BufferAttribute];
+    if (!this.faced?.equals(eye)) {
+      this.facing = facing(this.mesh, eye, whole.array as Uint32Array);
+      whole.clearUpdateRanges();
+      whole.addUpdateRange(0, 3 * this.facing);
+      whole.needsUpdate = true;
+      this.faced = eye;
+    }
+    this.geometry.setDrawRange(0, 3 * this.facing);
   }
 
   private fit(): void {
