@@ -141,6 +141,9 @@ class BodyPage {
     signal.addEventListener("abort", () => sizes.disconnect());
     this.scene.shine(this.light);
     this.turn(this.look);
+    // A coarse picture comes first: something is seen while the rest is drawn.
+    await new Promise(requestAnimationFrame);
+    if (this.signal.aborted) return;
     this.root.dataset.shownMs = performance.now().toFixed(0);
     const layer = this.show(this.controls.look, true);
     await Promise.all([layer, ...outlinedOf(this.route).map((kind) => this.outline(kind, true))]);
