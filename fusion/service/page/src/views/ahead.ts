@@ -27,7 +27,7 @@ const PATHS: Record<string, (route: Route) => string[]> = {
   },
   map: ({ workspace, path: [kind, name] }) =>
     kind && name ? [pathOfNames(workspace, kind), pathOfSurface(workspace, { kind, name })] : [],
-  registration: ({ workspace }) => [pathOfResiduals(workspace), pathOf(workspace, "tables")],
+  registration: ({ workspace }) => [pathOfResiduals(workspace), pathOfScanTable(workspace)],
 };
 
 /** Return how many facets of the body the address asks for at most. */
@@ -75,4 +75,9 @@ export function pathOfSurface(workspace: string, place: { kind: string; name: st
 /** Where the residuals of the registration lie. */
 export function pathOfResiduals(workspace: string): string {
   return pathOf(workspace, "registration", "residuals");
+}
+
+/** Where the table of the corrections of scans lies. */
+export function pathOfScanTable(workspace: string): string {
+  return pathOf(workspace, "tables", "registration-scans");
 }

@@ -249,7 +249,7 @@ export class BodyScene {
     return size.x === this.canvas.clientWidth && size.y === this.canvas.clientHeight;
   }
 
-  /** Draw of the whole mesh what faces the camera: half of the work where there is no graphics processor. */
+  /** Draw of the whole mesh what faces the camera: the other half costs a quarter of a picture made in software. */
   private faceEye(): void {
     const { eye } = this;
     const [whole] = this.meshes as [BufferAttribute];
