@@ -37,7 +37,7 @@ def without_paths_in(value: Any, folder: Path) -> Any:
 
 def may_name_paths(text: str) -> bool:
     """Return whether JSON may contain an absolute path: most does not, and need not be searched."""
-    return _IN_JSON.search(text) is not None
+    return "/" in text and _IN_JSON.search(text) is not None
 
 
 def with_texts(value: Any, change: Callable[[str], str]) -> Any:

@@ -17,8 +17,8 @@ from fusion.service.texts import may_name_paths, without_paths_in
 
 JSON = "application/json"
 _PACKED = {JSON, "text/csv"}
-# A shorter answer is one packet anyway; higher levels take longer than they save.
-_LEAST, _LEVEL = 1024, 5
+# A shorter answer is one packet anyway. Level 5 takes three times as long, for 6 to 8 % less.
+_LEAST, _LEVEL = 1024, 2
 
 
 def json_answer(

@@ -18,6 +18,7 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.state import visible_file
 
 _BLOCK = 1 << 18
+_SMALL = 1 << 20
 # A report may show itself, but runs nothing and asks nobody: it is not the service's page.
 _POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data: 'self'"
 _SHOWN = {"text/html", "image/png", "image/jpeg", "image/svg+xml", "text/plain", "application/json"}
@@ -46,8 +47,11 @@ def file_answer(request: Request, root: Path, name: str) -> Response:
         headers["Content-Length"] = str(last - first + 1)
         if part is not None:
             headers["Content-Range"] = f"bytes {first}-{last}/{status.st_size}"
-        closing.pop_all()
         code = 200 if part is None else 206
+        if last - first < _SMALL:
+            # Read here: each block would wait for a thread of its own.
+            return Response(b"".join(_blocks(file, first, last)), code, headers, kind)
+        closing.pop_all()
         return StreamingResponse(_blocks(file, first, last), code, headers, kind)
 
 

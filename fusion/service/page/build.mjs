@@ -50,8 +50,24 @@ const entries = {};
 for (const [path, output] of Object.entries(result.metafile.outputs)) {
   if (output.entryPoint) entries[basename(output.entryPoint)] = basename(path);
 }
+// All files of a view are asked for at once, not each when the one that imports it has come.
+const filesOf = (path) => {
+  const inner = result.metafile.outputs[path].imports.filter(({ kind }) => kind === "import-statement");
+  return [path, ...inner.flatMap((one) => filesOf(one.path))];
+};
+const needed = (path) => [...new Set(filesOf(path))].map((one) => `/static/${basename(one)}`);
+const outputs = Object.entries(result.metafile.outputs);
+const [main] = outputs.find(([, { entryPoint }]) => entryPoint === "src/main.ts");
+const views = {};
+for (const [path, { entryPoint }] of outputs) {
+  const name = /^src\/views\/(\w+)(\/index)?\.ts$/.exec(entryPoint ?? "")?.[1];
+  if (name) views[name] = needed(path).filter((one) => !needed(main).includes(one));
+}
+const preloads = needed(main).slice(1).map((href) => `<link rel="modulepreload" href="${href}">`);
+
 let index = await readFile(join(here, "src", "index.html"), "utf8");
 for (const [source, file] of Object.entries(entries)) index = index.replace(`{${source}}`, file);
+index = index.replace("{preloads}", preloads.join("\n    ")).replace("{views}", JSON.stringify(views));
 await writeFile(join(made, "index.html"), index);
 
 // The licences of the libraries ask that their texts go with them.

@@ -25,6 +25,7 @@ __all__ = [
     "PAGE_FACETS",
     "SHAPE_LAYERS",
     "mesh_bytes",
+    "shape_bytes",
     "shape_etag",
     "shape_layers",
     "shape_mesh",
@@ -105,6 +106,31 @@ def mesh_bytes(mesh: Mesh) -> bytes:
     return b"".join(parts)
 
 
+def shape_bytes(
+    workspace: Workspace, facets: int | None = None, *, cache: LayerCache | None = None
+) -> bytes:
+    """Return :func:`shape_mesh` as :func:`mesh_bytes`, kept as long as the file is the same.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    facets : int, optional
+    cache : LayerCache, optional
+
+    Raises
+    ------
+    SpcolaError
+        If there is no shape, or it cannot be read.
+    """
+    kept = cache or LayerCache()
+
+    def make() -> dict[Hashable, AnyArray]:
+        content = mesh_bytes(shape_mesh(workspace, facets, cache=kept))
+        return {"bytes": np.frombuffer(content, dtype=np.uint8)}
+
+    return kept.find((*_key(workspace, facets), "bytes"), "bytes", make, slow=True).tobytes()
+
+
 def shape_layers(workspace: Workspace) -> list[dict[str, Any]]:
     """Return the layers of which there are surfaces: name, meaning, unit, colours and source.
 
@@ -118,11 +144,13 @@ def shape_layers(workspace: Workspace) -> list[dict[str, Any]]:
         If a folder cannot be listed.
     """
     found = []
+    every = {kind for kinds in SHAPE_LAYERS.values() for kind in kinds}
+    numbers = {kind: len(surface_names(workspace, kind)) for kind in every}
     for name, kinds in SHAPE_LAYERS.items():
-        for kind, names in _first_there(workspace, kinds):
+        for kind in [each for each in kinds if numbers[each]][:1]:
             about = LAYERS[name]
             known = {"text": about.text, "unit": about.unit, "colours": about.colours}
-            found.append({"name": name, **known, "of": kind.value, "surfaces": len(names)})
+            found.append({"name": name, **known, "of": kind.value, "surfaces": numbers[kind]})
     return found
 
 

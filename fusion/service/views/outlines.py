@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,18 +47,18 @@ def outlines(
     if kind not in OUTLINED:
         do = f"there are: {', '.join(OUTLINED)}"
         raise InvalidValueError(f"there are no outlines of the kind {kind.value!r}", do=do)
-    listed = list(OUTLINED[kind](workspace))
-    state = state_of(*sorted({path.parent for _, path in listed}))
-    key = ("outlines", [str(path) for _, path in listed], state)
+    folder, names = OUTLINED[kind](workspace)
+    key = repr(("outlines", str(folder), names, state_of(folder) if names else ""))
     find, columns = (cache or LayerCache()).find, ("name", "center_m", "axes", "side_m", "gsd_m")
-    found = {each: find(repr(key), each, lambda: _columns(listed), slow=True) for each in columns}
+    found = {each: find(key, each, lambda: _columns(folder, names), slow=True) for each in columns}
     return {"kind": kind.value, **found}
 
 
-def _columns(listed: list[tuple[str, Path]]) -> dict[Hashable, AnyArray]:
-    grids = [MapParts.open(path).grid for _, path in listed]
+def _columns(folder: Path, names: list[str]) -> dict[Hashable, AnyArray]:
+    """Return the columns of the surfaces `names`, whose files lie in a folder."""
+    grids = [MapParts.open(folder / f"{name.partition(':')[0]}.MAP").grid for name in names]
     return {
-        "name": np.array([name for name, _ in listed], dtype=str),
+        "name": np.array(names, dtype=str),
         "center_m": np.array([grid.center for grid in grids]).reshape(-1, 3),
         "axes": np.array([grid.axes for grid in grids]).reshape(-1, 3, 3),
         "side_m": np.array([(grid.size - 1) * grid.gsd for grid in grids]),
@@ -84,22 +84,24 @@ def same_place(workspace: Workspace, kind: SurfaceKind, name: str) -> list[tuple
     ]
 
 
-def _maplets(workspace: Workspace) -> Iterable[tuple[str, Path]]:
-    names = surface_names(workspace, SurfaceKind.MAPLET)
-    return [(name, workspace.maplet_path(name)) for name in names]
+def _maplets(workspace: Workspace) -> tuple[Path, list[str]]:
+    return workspace.home / "MAPFILES", surface_names(workspace, SurfaceKind.MAPLET)
 
 
-def _in_folder(folder: str, part: str = "") -> Callable[[Workspace], Iterable[tuple[str, Path]]]:
-    """Return what lists the .MAP files of a folder, each with the name of its surface."""
-    return lambda workspace: sorted(
-        (f"{path.stem}{part}", path) for path in visible_files(workspace.home / folder, ".MAP")
-    )
+def _in_folder(folder: str, part: str = "") -> Callable[[Workspace], tuple[Path, list[str]]]:
+    """Return what gives a folder, and the names of the surfaces of its .MAP files."""
+
+    def listed(workspace: Workspace) -> tuple[Path, list[str]]:
+        place = workspace.home / folder
+        return place, sorted(f"{path.stem}{part}" for path in visible_files(place, ".MAP"))
+
+    return listed
 
 
-OUTLINED: Mapping[SurfaceKind, Callable[[Workspace], Iterable[tuple[str, Path]]]] = {
+OUTLINED: Mapping[SurfaceKind, Callable[[Workspace], tuple[Path, list[str]]]] = {
     SurfaceKind.MAPLET: _maplets,
     SurfaceKind.MAPOLA: _in_folder("mapolas"),
     SurfaceKind.FUSED: _in_folder("fused"),
     SurfaceKind.BIGMAP: _in_folder(BIGMAP_FOLDERS["fused"], ":fused"),
 }
-"""Kinds of surfaces with outlines, and what lists their names and files."""
+"""Kinds of surfaces with outlines, and what gives the folder of their files, and their names."""

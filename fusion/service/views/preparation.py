@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from fusion.service.views.body import PAGE_FACETS, shape_layers, shape_mesh, vertex_layer
+from fusion.service.views.body import PAGE_FACETS, shape_bytes, shape_layers, vertex_layer
 from fusion.service.views.outlines import OUTLINED, outlines
 from fusion.service.views.overview import coverage, overview
 from fusion.service.views.surfaces import LayerCache
@@ -33,7 +33,7 @@ def preparations(
     yield "overview", lambda: overview(workspace)
     yield "coverage", lambda: coverage(workspace)
     yield "outlines", lambda: [outlines(workspace, kind, cache=cache) for kind in OUTLINED]
-    yield "shape", lambda: shape_mesh(workspace, PAGE_FACETS, cache=cache)
+    yield "shape", lambda: shape_bytes(workspace, PAGE_FACETS, cache=cache)
     for layer in shape_layers(workspace):
         name = str(layer["name"])
         yield name, partial(vertex_layer, workspace, name, PAGE_FACETS, cache=cache)

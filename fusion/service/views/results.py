@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from fusion.report.figures import binned
-from fusion.service.views.places import place_json
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, WorkspaceError
-from spcola.grids import MapletGrid
+from spcola.math import lon_lat_deg
 
 __all__ = ["RESULTS", "epsilon_table", "residuals", "result_json"]
 
@@ -23,6 +22,8 @@ RESULTS: Mapping[str, str] = {
 }
 """Results that are JSON, and their files."""
 _BINS = 12
+# Sine of the distance from a pole within which there is no east.
+_POLE = 1e-6
 _KEPT = ("name", "sigma_m", "used", "cause", "reason", "correlation", "coverage", "n_images")
 
 
@@ -73,7 +74,7 @@ def residuals(workspace: Workspace) -> dict[str, Any]:
     content = result_json(workspace, "registration")
     head = {key: content.get(key) for key in ("model", "verdict", "n_used", "n_rejected")}
     try:
-        matches = [_match(entry) for entry in content["per_mapola"]]
+        matches = _matches(content["per_mapola"])
     except (KeyError, TypeError, ValueError) as error:
         path = workspace.registration_path
         raise FormatError(f"has no usable mapolas ({error!r})", path, "register again") from error
@@ -116,15 +117,38 @@ def epsilon_table(workspace: Workspace) -> dict[str, Any]:
         raise FormatError(f"has no usable values of ε ({error!r})", where, "scale again") from error
 
 
-def _match(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return one mapola of the registration."""
+def _matches(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the mapolas of the registration."""
+    centers = _vectors([entry["center_m"] for entry in entries])
     # Where nothing could be registered, no match has a residual.
-    center, residual = _vector(entry["center_m"]), _vector(entry.get("residual_m") or [None] * 3)
-    south, east, up = MapletGrid.facing(center, center, 1.0, 1).axes @ residual
-    towards = {"residual_east_m": east, "residual_north_m": -south, "residual_up_m": up}
-    found = {key: entry[key] for key in _KEPT if key in entry}
-    size = float(np.linalg.norm(residual))
-    return {**found, **place_json(center), "residual_m": residual, **towards, "size_m": size}
+    residuals = _vectors([entry.get("residual_m") or [None] * 3 for entry in entries])
+    longitudes, latitudes = lon_lat_deg(centers)
+    south, east, up = np.einsum("nij,nj->in", _axes(centers), residuals)
+    columns = {
+        "longitude_deg": longitudes,
+        "latitude_deg": latitudes,
+        "radius_m": np.linalg.norm(centers, axis=1),
+        "residual_m": residuals,
+        "residual_east_m": east,
+        "residual_north_m": -south,
+        "residual_up_m": up,
+        "size_m": np.linalg.norm(residuals, axis=1),
+    }
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return [
+        {key: entry[key] for key in _KEPT if key in entry} | dict(zip(columns, row, strict=True))
+        for entry, row in zip(entries, rows, strict=True)
+    ]
+
+
+def _axes(centers: FloatArray) -> FloatArray:
+    """Return the axes (N, 3, 3) south, east and up at points (N, 3), as of MapletGrid.facing."""
+    up = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    east = np.stack([-up[:, 1], up[:, 0], np.zeros(len(up))], axis=1)
+    at_pole = np.linalg.norm(east, axis=1) < _POLE
+    east[at_pole] = np.array([0.0, 1.0, 0.0]) - up[at_pole, 1:2] * up[at_pole]
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    return np.stack([np.cross(east, up), east, up], axis=1)
 
 
 def _against(entries: Sequence[Mapping[str, Any]], key: str, full: float) -> dict[str, Any]:
@@ -146,5 +170,7 @@ def _numbers(entries: Sequence[Mapping[str, Any]], key: str) -> FloatArray:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _vector(values: Any) -> FloatArray:
-    return np.array([np.nan if value is None else value for value in values], float).reshape(3)
+def _vectors(rows: Sequence[Sequence[float | None]]) -> FloatArray:
+    """Return vectors (N, 3); NaN for null."""
+    # With the type float numpy makes NaN of None.
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

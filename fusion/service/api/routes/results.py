@@ -21,7 +21,7 @@ from fusion.service.api.schemas import solved, surfaces
 from fusion.service.api.service import opened_for, service_of
 from fusion.service.store import Scope
 from fusion.service.texts import without_paths_in
-from fusion.service.views.body import mesh_bytes, shape_etag, shape_layers, shape_mesh, vertex_layer
+from fusion.service.views.body import shape_bytes, shape_etag, shape_layers, vertex_layer
 from fusion.service.views.history import (
     provenance,
     run_list,
@@ -212,7 +212,7 @@ def shape(
             request,
             shape_etag(opened, facets),
             _BYTES,
-            lambda: mesh_bytes(shape_mesh(opened, facets, cache=cache)),
+            lambda: shape_bytes(opened, facets, cache=cache),
         )
 
 

@@ -56,8 +56,27 @@ export function pathOf(workspace: string, ...parts: string[]): string {
   return ["/workspaces", workspace, ...parts].map((part, k) => (k ? encodeURIComponent(part) : part)).join("/");
 }
 
+// Answers that a view will ask for, on their way while its files are.
+const ahead = new Map<string, Promise<Response>>();
+
+/** Ask for what a view will ask for first; what it does not ask for is forgotten with the signal. */
+export function askAhead(paths: string[], signal: AbortSignal): void {
+  for (const path of paths) {
+    const answer = ask(path, { signal });
+    // Whoever asks for it gets the problem.
+    answer.catch(() => undefined);
+    ahead.set(path, answer);
+    signal.addEventListener("abort", () => ahead.delete(path));
+  }
+}
+
 /** Ask the service; an error becomes an `ApiProblem`. */
 export async function ask(path: string, init: RequestInit = {}): Promise<Response> {
+  const early = init.method ? undefined : ahead.get(path);
+  if (early) {
+    ahead.delete(path);
+    return early;
+  }
   const headers = new Headers(init.headers);
   if (token()) headers.set("Authorization", `Bearer ${token()}`);
   let answer: Response;

@@ -1,8 +1,9 @@
 // The shell: header with navigation, and the view that the address names.
-import { ApiProblem, getJson, setToken, token } from "./api";
+import { ApiProblem, askAhead, getJson, setToken, token } from "./api";
 import { element, fill } from "./dom";
 import { hrefOf, routeOf, type Route } from "./router";
 import { applyTheme, themeSwitch } from "./theme";
+import { firstPaths } from "./views/ahead";
 import { ADMINISTRATION, NAVIGATION, VIEWS } from "./views/index";
 
 const header = document.getElementById("header")!;
@@ -27,6 +28,8 @@ async function open(): Promise<void> {
   try {
     const load = VIEWS[route.view];
     if (!load) throw new ApiProblem(404, { detail: `there is no view ${route.view}` });
+    loadFiles(route.view);
+    askAhead(firstPaths(route), signal);
     const view = await load();
     if (signal.aborted) return;
     document.title = [view.title, route.workspace, "SPCOLA"].filter(Boolean).join(" – ");
@@ -36,6 +39,13 @@ async function open(): Promise<void> {
   } finally {
     root.removeAttribute("aria-busy");
   }
+}
+
+/** Have all files of a view loaded at once; scripts/page writes which there are into the page. */
+function loadFiles(view: string): void {
+  const meta = document.querySelector<HTMLMetaElement>("meta[name=views]")!;
+  const files = (JSON.parse(meta.content) as Record<string, string[]>)[view] ?? [];
+  document.head.append(...files.map((href) => element("link", { rel: "modulepreload", href })));
 }
 
 function showHeader(route: Route): void {

@@ -31,15 +31,26 @@ export function themeSwitch(): HTMLElement {
   return select;
 }
 
+// Colours of variables until the theme changes: to find one the browser lays out its styles again.
+const found = new Map<string, string>();
+window.addEventListener("themechange", () => found.clear());
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => found.clear());
+
 /** Return the colour of a CSS variable, such as "--text", for drawings on a canvas. */
 export function themed(name: string, opacity = 1): string {
+  const colour = found.get(name) ?? computed(name);
+  found.set(name, colour);
+  return opacity < 1 ? colour.replace(/^rgb\((.*)\)$/, `rgba($1, ${opacity})`) : colour;
+}
+
+function computed(name: string): string {
   // A variable itself may name two colours; as the colour of an element it is one of them.
   const probe = element("span", { hidden: true });
   probe.style.color = `var(${name})`;
   document.body.append(probe);
-  const found = getComputedStyle(probe).color;
+  const colour = getComputedStyle(probe).color;
   probe.remove();
-  return opacity < 1 ? found.replace(/^rgb\((.*)\)$/, `rgba($1, ${opacity})`) : found;
+  return colour;
 }
 
 /** The letters of the page, for drawings on a canvas. */

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -84,7 +85,7 @@ def open_surface(
         If a file of it is damaged.
     """
     # A name is compared with those that are there, and never becomes part of a path before.
-    if name not in _NAMES[kind](workspace):
+    if not _is_there(workspace, kind, name):
         raise WorkspaceError(
             f"there is no {kind} {name!r}", workspace.root, "list those that there are"
         )
@@ -107,6 +108,14 @@ def open_surfaces(workspace: Workspace, kind: SurfaceKind, cache: LayerCache) ->
     """
     found = [_opened(workspace, kind, name, cache) for name in surface_names(workspace, kind)]
     return sorted(found, key=lambda surface: surface.grid.gsd)
+
+
+def _is_there(workspace: Workspace, kind: SurfaceKind, name: str) -> bool:
+    """Return whether there is a surface of this name."""
+    if kind is SurfaceKind.MAPLET:
+        # The files of the others are not looked for.
+        return name in workspace.maplet_names() and workspace.maplet_path(name).is_file()
+    return name in _NAMES[kind](workspace)
 
 
 def _opened(workspace: Workspace, kind: SurfaceKind, name: str, cache: LayerCache) -> Surface:
@@ -135,7 +144,21 @@ def _spc_file(workspace: Workspace, kind: SurfaceKind, name: str) -> Path | None
 
 
 def _maplet_names(workspace: Workspace) -> list[str]:
-    return [name for name in workspace.maplet_names() if workspace.maplet_path(name).is_file()]
+    folder = workspace.home / "MAPFILES"
+    if not folder.is_dir():
+        return []
+    # The folder is read once: to ask for each of thousands of files takes four times as long.
+    with os.scandir(folder) as entries:
+        there = {entry.name for entry in entries if _is_file(entry)}
+    return [name for name in workspace.maplet_names() if f"{name}.MAP" in there]
+
+
+def _is_file(entry: os.DirEntry[str]) -> bool:
+    """Return whether an entry is a file; a link that leads in a circle is none."""
+    try:
+        return entry.is_file()
+    except OSError:
+        return False
 
 
 def _bigmap_names(workspace: Workspace) -> list[str]:

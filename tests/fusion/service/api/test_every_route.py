@@ -136,7 +136,7 @@ def test_long_texts_are_compressed_under_another_tag(client: AsgiClient) -> None
     assert packed.headers["content-encoding"] == "gzip"
     assert "content-encoding" not in plain.headers
     assert packed.json() == plain.json()
-    assert int(packed.headers["content-length"]) == len(gzip.compress(plain.content, 5, mtime=0))
+    assert int(packed.headers["content-length"]) == len(gzip.compress(plain.content, 2, mtime=0))
     assert packed.headers["etag"] != plain.headers["etag"]
     assert "Accept-Encoding" in packed.headers["vary"]
     for answer, coding in ((plain, "identity"), (packed, "gzip")):

@@ -74,7 +74,7 @@ def test_a_damaged_file_is_made_again_and_the_oldest_go(tmp_path: Path) -> None:
 
 
 def test_the_page_asks_for_the_mesh_that_is_prepared() -> None:
-    source = (STATIC.parent / "src/views/body/loading.ts").read_text(encoding="utf-8")
+    source = (STATIC.parent / "src/views/ahead.ts").read_text(encoding="utf-8")
     (number,) = re.findall(r"MOST_FACETS = ([\d_]+);", source)
     assert int(number) == PAGE_FACETS
 

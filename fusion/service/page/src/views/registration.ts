@@ -1,11 +1,12 @@
 // Residuals of the registration: where, how large, and which matches were rejected.
-import { getAll, getJson, pathOf } from "../api";
+import { ApiProblem, getJson } from "../api";
 import { element, fill } from "../dom";
 import { degrees, metres, number } from "../format";
 import { labelled } from "../look";
 import { histogram, pointsPlot, type Points } from "../plots";
 import { hrefOf, keepInAddress, type Route, type View } from "../router";
 import { table, type Column } from "../table";
+import { pathOfResiduals, pathOfScanTable } from "./ahead";
 
 interface Match {
   name: string;
@@ -56,8 +57,10 @@ const COLUMNS: Column<Match>[] = [
 export const registration: View = {
   title: "Registration",
   async open(root, route, signal) {
-    const found = await getJson<Residuals>(pathOf(route.workspace, "registration", "residuals"), { signal });
-    const scans = await scanTable(route.workspace, signal);
+    const [found, scans] = await Promise.all([
+      getJson<Residuals>(pathOfResiduals(route.workspace), { signal }),
+      scanTable(route.workspace, signal),
+    ]);
     fill(root, element("h1", {}, "Registration"), summary(found), element("div", { class: "plots" }), element("h2", {}, "Matches"), matchTable(found.matches, route));
     const plots = root.querySelector<HTMLElement>(".plots")!;
     drawPlots(plots, found.matches, route, signal);
@@ -67,9 +70,13 @@ export const registration: View = {
 };
 
 async function scanTable(workspace: string, signal: AbortSignal): Promise<ScanTable | null> {
-  const tables = await getAll<string>(pathOf(workspace, "tables"), "tables", { signal });
-  if (!tables.includes("registration-scans")) return null;
-  return getJson<ScanTable>(pathOf(workspace, "tables", "registration-scans"), { signal });
+  try {
+    return await getJson<ScanTable>(pathOfScanTable(workspace), { signal });
+  } catch (error) {
+    // A registration by hand may have none.
+    if (error instanceof ApiProblem && error.status === 404) return null;
+    throw error;
+  }
 }
 
 function summary({ model, verdict, n_used: used, n_rejected: rejected, matches }: Residuals): HTMLElement {

@@ -1,16 +1,17 @@
 // The body in three dimensions, with layers and the outlines of maps.
-import { ApiProblem, getJson, pathOf } from "../../api";
+import { ApiProblem, getJson } from "../../api";
 import { element, fill } from "../../dom";
 import { degrees, metres } from "../../format";
 import { isSource, tableOf, worded } from "../../layers";
 import { labelled, LookControls, type Look as LayerLook } from "../../look";
 import { hrefOf, keepInAddress, type Route, type View } from "../../router";
 import { ScaleBar } from "../../scalebar";
+import { facetsOf, outlinedOf, pathOfOutlines } from "../ahead";
 import { limited, lonLat, lookOf, textOf, type Look } from "./camera";
-import { loadMesh, MOST_FACETS } from "./loading";
+import { loadMesh } from "./loading";
 import type { BodyMesh } from "./mesh";
 import { outlinesOf, squareAt, type Outline, type OutlineTable } from "./outlines";
-import { BodyScene, canDraw } from "./scene";
+import { BodyScene, rendererOf } from "./scene";
 import { addTurning } from "./turning";
 import { asked, bodyLayers, rangeOf, valuesOf } from "./values";
 
@@ -25,14 +26,15 @@ export const body: View = {
   title: "Body",
   async open(root, route, signal) {
     root.classList.add("whole");
-    if (!canDraw()) {
+    const canvas = bodyCanvas();
+    const renderer = rendererOf(canvas, signal);
+    if (!renderer) {
       throw new ApiProblem(0, { detail: "this browser has no WebGL 2", do: "use another one, or the maps" });
     }
     const waiting = element("p", { class: "waiting", role: "status" }, "The shape is loading …");
     fill(root, element("section", { class: "panel" }, element("h1", {}, "Body"), waiting), element("div", { class: "stage" }));
-    const wanted = Number(route.query.get("facets"));
-    const facets = wanted >= 100 ? Math.min(wanted, 1 << 24) : MOST_FACETS;
-    const squares = new Map(chosenOf(route).map((kind) => [kind, squaresOf(route, kind, signal)]));
+    const facets = facetsOf(route);
+    const squares = new Map(outlinedOf(route).map((kind) => [kind, squaresOf(route, kind, signal)]));
     const known = bodyLayers(route.workspace, signal);
     // Values and mesh come at the same time.
     const first = known.then((layers) =>
@@ -40,14 +42,25 @@ export const body: View = {
     );
     first.catch(() => undefined);
     const [layers, loaded] = await Promise.all([known, loadMesh(route.workspace, facets, signal)]);
-    const shown = new BodyPage(root, route, { mesh: loaded.mesh, layers, facets, first, squares }, signal);
+    const scene = new BodyScene(canvas, renderer, loaded.mesh, (cost) => (root.dataset.frameMs = cost.toFixed(1)));
+    const shown = new BodyPage(root, route, { canvas, scene, mesh: loaded.mesh, layers, facets, first, squares }, signal);
     root.dataset.fetchedMs = loaded.fetched.toFixed(0);
     root.dataset.preparedMs = loaded.prepared.toFixed(0);
     await shown.start();
   },
 };
 
+function bodyCanvas(): HTMLCanvasElement {
+  return element("canvas", {
+    tabindex: 0,
+    role: "application",
+    "aria-label": "The body. Arrow keys turn it, plus and minus zoom, Home resets; Shift makes smaller steps.",
+  });
+}
+
 interface Content {
+  canvas: HTMLCanvasElement;
+  scene: BodyScene;
   mesh: BodyMesh;
   layers: Awaited<ReturnType<typeof bodyLayers>>;
   facets: number;
@@ -57,26 +70,15 @@ interface Content {
   squares: Map<string, Promise<Outline[]>>;
 }
 
-/** Return the kinds of outlines that the address names. */
-function chosenOf(route: Route): string[] {
-  const chosen = (route.query.get("outlines") ?? "maplet").split(",");
-  return KINDS.map(([kind]) => kind).filter((kind) => chosen.includes(kind));
-}
-
 function squaresOf(route: Route, kind: string, signal: AbortSignal): Promise<Outline[]> {
-  const path = `${pathOf(route.workspace, "outlines")}?kind=${kind}`;
-  const found = getJson<OutlineTable>(path, { signal }).then(outlinesOf);
+  const found = getJson<OutlineTable>(pathOfOutlines(route.workspace, kind), { signal }).then(outlinesOf);
   // Whoever awaits it gets the problem; until then it is nobody's.
   found.catch(() => undefined);
   return found;
 }
 
 class BodyPage {
-  private readonly canvas = element("canvas", {
-    tabindex: 0,
-    role: "application",
-    "aria-label": "The body. Arrow keys turn it, plus and minus zoom, Home resets; Shift makes smaller steps.",
-  });
+  private readonly canvas: HTMLCanvasElement;
   private readonly readout = element("output", { class: "readout" });
   private readonly status = element("p", { class: "waiting", role: "status" });
   private readonly bar = new ScaleBar();
@@ -95,6 +97,8 @@ class BodyPage {
     private readonly signal: AbortSignal,
   ) {
     const { mesh, layers } = content;
+    this.canvas = content.canvas;
+    this.scene = content.scene;
     this.look = limited(lookOf(route.query.get("camera")) ?? this.first, mesh.radius);
     const light = (route.query.get("light") ?? "").split(",").map(Number);
     this.light = light.length === 2 && light.every(Number.isFinite) ? [light[0]!, light[1]!] : null;
@@ -108,7 +112,6 @@ class BodyPage {
     );
     this.fillRoot();
     root.dataset.facets = String(mesh.faces.length / 3);
-    this.scene = new BodyScene(this.canvas, mesh, (cost) => (root.dataset.frameMs = cost.toFixed(1)));
     signal.addEventListener("abort", () => {
       clearTimeout(this.saving);
       this.scene.close();
@@ -130,14 +133,20 @@ class BodyPage {
     );
     this.canvas.addEventListener("pointermove", (event) => this.point(event), { signal });
     this.canvas.addEventListener("pointerleave", () => this.readPlace(), { signal });
-    const sizes = new ResizeObserver(() => this.turn(this.look));
+    const sizes = new ResizeObserver(() => {
+      // It calls for the size at the beginning, too, which is drawn already.
+      if (!this.scene.fits) this.turn(this.look);
+    });
     sizes.observe(this.canvas);
     signal.addEventListener("abort", () => sizes.disconnect());
     this.scene.shine(this.light);
     this.turn(this.look);
+    // A coarse picture comes first: something is seen while the rest is drawn.
+    await new Promise(requestAnimationFrame);
+    if (this.signal.aborted) return;
     this.root.dataset.shownMs = performance.now().toFixed(0);
     const layer = this.show(this.controls.look, true);
-    await Promise.all([layer, ...chosenOf(this.route).map((kind) => this.outline(kind, true))]);
+    await Promise.all([layer, ...outlinedOf(this.route).map((kind) => this.outline(kind, true))]);
     if (this.signal.aborted) return;
     await this.scene.whole();
     this.root.dataset.ready = "true";
@@ -227,7 +236,7 @@ class BodyPage {
   private readonly names = element("datalist", { id: "squares" });
 
   private outlineBox(): HTMLElement {
-    const chosen = chosenOf(this.route);
+    const chosen = outlinedOf(this.route);
     const boxes = KINDS.map(([kind, title, ink]) => {
       const box = element("input", { type: "checkbox", name: kind, checked: chosen.includes(kind) });
       box.onchange = () => void this.outline(kind, box.checked).catch(() => (box.checked = false));

@@ -111,6 +111,28 @@ export function coarseOf(positions: Float32Array, faces: Uint32Array, wanted: nu
   return kept.slice(0, length);
 }
 
+/** Write the facets whose outer side is seen from the direction `eye` into `found`; return how many. */
+export function facing({ positions, faces }: BodyMesh, eye: { x: number; y: number; z: number }, found: Uint32Array): number {
+  let length = 0;
+  for (let k = 0; k < faces.length; k += 3) {
+    const a = 3 * faces[k]!;
+    const b = 3 * faces[k + 1]!;
+    const c = 3 * faces[k + 2]!;
+    const ux = positions[b]! - positions[a]!;
+    const uy = positions[b + 1]! - positions[a + 1]!;
+    const uz = positions[b + 2]! - positions[a + 2]!;
+    const vx = positions[c]! - positions[a]!;
+    const vy = positions[c + 1]! - positions[a + 1]!;
+    const vz = positions[c + 2]! - positions[a + 2]!;
+    const towards = eye.x * (uy * vz - uz * vy) + eye.y * (uz * vx - ux * vz) + eye.z * (ux * vy - uy * vx);
+    if (!(towards > 0)) continue;
+    found[length++] = faces[k]!;
+    found[length++] = faces[k + 1]!;
+    found[length++] = faces[k + 2]!;
+  }
+  return length / 3;
+}
+
 /** Return mean distances from the origin in cells of latitude and longitude. */
 function radiiOf(
   positions: Float32Array,
@@ -125,7 +147,8 @@ function radiiOf(
     const x = positions[3 * k]! + center[0];
     const y = positions[3 * k + 1]! + center[1];
     const z = positions[3 * k + 2]! + center[2];
-    const size = Math.hypot(x, y, z);
+    // Math.hypot takes several times as long as the root.
+    const size = Math.sqrt(x * x + y * y + z * z);
     const cell = cellOf(rows, x, y, z);
     sums[cell]! += size;
     numbers[cell]! += 1;
@@ -138,7 +161,7 @@ function radiiOf(
 
 /** Return the cell of a direction. */
 export function cellOf(rows: number, x: number, y: number, z: number): number {
-  const share = Math.atan2(z, Math.hypot(x, y)) / Math.PI + 0.5;
+  const share = Math.atan2(z, Math.sqrt(x * x + y * y)) / Math.PI + 0.5;
   const turn = Math.atan2(y, x) / (2 * Math.PI);
   const row = Math.min(rows - 1, Math.floor(share * rows));
   const column = Math.min(2 * rows - 1, Math.floor((turn - Math.floor(turn)) * 2 * rows));

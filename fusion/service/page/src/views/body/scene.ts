@@ -7,7 +7,7 @@ import {
 import type { Rgb } from "../../colormaps";
 import { setCamera, towards, type Look } from "./camera";
 import { DetailChoice, DETAILS } from "./detail";
-import type { BodyMesh } from "./mesh";
+import { facing, type BodyMesh } from "./mesh";
 import { linesOf, simplify, type Outline } from "./outlines";
 import { FRAGMENT, NOTHING, PICK_FRAGMENT, VERTEX } from "./shaders";
 import { SmoothPicture } from "./smooth";
@@ -32,18 +32,23 @@ export interface Picked {
   value: number;
 }
 
-/** Return whether this browser can draw in three dimensions. */
-export function canDraw(): boolean {
-  const context = document.createElement("canvas").getContext("webgl2");
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return context !== null;
+/** Return what draws on a canvas until the signal aborts; null if this browser has no WebGL 2. */
+export function rendererOf(canvas: HTMLCanvasElement, signal: AbortSignal): WebGLRenderer | null {
+  const context = canvas.getContext("webgl2", { antialias: false, alpha: true, powerPreference: "high-performance" });
+  if (!context) return null;
+  const renderer = new WebGLRenderer({ canvas, context });
+  renderer.setClearColor(0, 0);
+  signal.addEventListener("abort", () => {
+    renderer.dispose();
+    renderer.forceContextLoss();
+  });
+  return renderer;
 }
 
 export class BodyScene {
   readonly camera = new OrthographicCamera();
   private readonly scene = new Scene();
   private readonly world = new Group();
-  private readonly renderer: WebGLRenderer;
   private readonly geometry = new BufferGeometry();
   private readonly material: ShaderMaterial;
   private readonly picking: ShaderMaterial;
@@ -62,15 +67,17 @@ export class BodyScene {
   private light: Vector3 | null = null;
   private asked = 0;
   private settling = 0;
+  /** From where, and how many facets of the whole mesh were seen last. */
+  private faced: Vector3 | null = null;
+  private facing = 0;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
+    private readonly renderer: WebGLRenderer,
     readonly mesh: BodyMesh,
     private readonly measured: (cost: number) => void,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: false, alpha: true, powerPreference: "high-performance" });
-    this.renderer.setClearColor(0, 0);
-    this.meshes = [mesh.faces, ...mesh.coarse].map((faces) => new BufferAttribute(faces, 1));
+    this.meshes = [new Uint32Array(mesh.faces.length), ...mesh.coarse].map((faces) => new BufferAttribute(faces, 1));
     this.geometry.setAttribute("position", new BufferAttribute(mesh.positions, 3));
     this.geometry.setAttribute("normal", new BufferAttribute(mesh.normals, 4, true));
     this.setValues(null);
@@ -205,8 +212,6 @@ export class BodyScene {
     this.picking.dispose();
     this.target.dispose();
     this.smooth.close();
-    this.renderer.dispose();
-    this.renderer.forceContextLoss();
   }
 
   private frame(): void {
@@ -216,6 +221,8 @@ export class BodyScene {
     this.shineAndFace();
     const { detail } = this;
     this.geometry.setIndex(this.meshes[DETAILS[detail]!.mesh]!);
+    if (detail > 0) this.geometry.setDrawRange(0, Infinity);
+    else this.faceEye();
     for (const each of this.lines.values()) simplify(each, detail > 0);
     const begin = performance.now();
     if (detail > 0) this.renderer.render(this.scene, this.camera);
@@ -236,11 +243,30 @@ export class BodyScene {
     if (this.choice.note(this.detail, cost)) this.frames = 0;
   }
 
+  /** Whether the last picture has the size of the canvas on the page. */
+  get fits(): boolean {
+    const size = this.renderer.getSize(new Vector2());
+    return size.x === this.canvas.clientWidth && size.y === this.canvas.clientHeight;
+  }
+
+  /** Draw of the whole mesh what faces the camera: the other half costs a quarter of a picture made in software. */
+  private faceEye(): void {
+    const { eye } = this;
+    const [whole] = this.meshes as [BufferAttribute];
+    if (!this.faced?.equals(eye)) {
+      this.facing = facing(this.mesh, eye, whole.array as Uint32Array);
+      whole.clearUpdateRanges();
+      whole.addUpdateRange(0, 3 * this.facing);
+      whole.needsUpdate = true;
+      this.faced = eye;
+    }
+    this.geometry.setDrawRange(0, 3 * this.facing);
+  }
+
   private fit(): void {
     const { clientWidth, clientHeight } = this.canvas;
     const ratio = Math.min(2, devicePixelRatio) * DETAILS[this.detail]!.ratio;
-    const size = this.renderer.getSize(new Vector2());
-    if (size.x === clientWidth && size.y === clientHeight && this.renderer.getPixelRatio() === ratio) return;
+    if (this.fits && this.renderer.getPixelRatio() === ratio) return;
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(clientWidth, clientHeight, false);
   }

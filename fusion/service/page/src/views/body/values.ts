@@ -1,6 +1,7 @@
 // Values on the vertices of the body, and their ranges.
-import { getFloats, getJson, pathOf } from "../../api";
+import { getFloats, getJson } from "../../api";
 import type { LayerAbout } from "../../layers";
+import { pathOfLayer, pathOfLayers } from "../ahead";
 import type { BodyMesh } from "./mesh";
 
 const SHADE: LayerAbout = { name: "hillshade", text: "shape alone, lit", unit: "", colours: "gray" };
@@ -11,8 +12,7 @@ const SAMPLED = 50_000;
 
 /** Return the layers that a body has: those of the shape, and those on it. */
 export async function bodyLayers(workspace: string, signal: AbortSignal): Promise<LayerAbout[]> {
-  const path = pathOf(workspace, "shape", "layers");
-  const { layers } = await getJson<{ layers: LayerAbout[] }>(path, { signal });
+  const { layers } = await getJson<{ layers: LayerAbout[] }>(pathOfLayers(workspace), { signal });
   return [SHADE, ...layers, RADIUS];
 }
 
@@ -24,7 +24,7 @@ export function asked(
   signal: AbortSignal,
 ): Promise<Float32Array> | null {
   if (!layer || layer === SHADE || layer === RADIUS) return null;
-  return getFloats(`${pathOf(workspace, "shape", "layers", layer.name)}?facets=${facets}`, { signal });
+  return getFloats(pathOfLayer(workspace, layer.name, facets), { signal });
 }
 
 /** Return the values (V,) of a layer; null if it has none. */

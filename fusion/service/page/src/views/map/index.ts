@@ -1,6 +1,6 @@
 // The map of a surface: its layers, a second surface next to it, a profile, values under the cursor.
 import type OlMap from "ol/Map.js";
-import { ApiProblem, getAll, pathOf } from "../../api";
+import { ApiProblem, getAll } from "../../api";
 import { element, fill } from "../../dom";
 import { degrees, metres } from "../../format";
 import type { LayerAbout } from "../../layers";
@@ -8,6 +8,7 @@ import { worded } from "../../layers";
 import { labelled, LookControls, titleOf, type Look } from "../../look";
 import { hrefOf, keepInAddress, type Route, type View } from "../../router";
 import { ScaleBar } from "../../scalebar";
+import { pathOfNames } from "../ahead";
 import { listen, makeMap } from "./chart";
 import { PaintedSurface } from "./painting";
 import { ProfilePanel } from "./profile";
@@ -53,8 +54,7 @@ async function openFirst(route: Route, kind: string | undefined, signal: AbortSi
 }
 
 async function namesOf(workspace: string, kind: string, signal: AbortSignal): Promise<string[]> {
-  const path = `${pathOf(workspace, "surfaces")}?kind=${encodeURIComponent(kind)}&limit=10000`;
-  return (await getAll<Place>(path, "surfaces", { signal })).map((each) => each.name);
+  return (await getAll<Place>(pathOfNames(workspace, kind), "surfaces", { signal })).map((each) => each.name);
 }
 
 /** Return the second surface that "swipe=KIND/NAME@SHARE" of the address names. */
@@ -114,6 +114,8 @@ class MapPage {
   start(second: { surface: Surface; share: number } | null): void {
     const { query } = this.route;
     this.share = second?.share ?? 0.5;
+    // Tiles come while the map is made.
+    for (const each of [this.first, second?.surface]) each?.askWhole(this.controls.look.layer.name);
     this.fillRoot();
     const center = numbersOf(query.get("center"), 2) as Point | null;
     const zoom = numbersOf(query.get("zoom"), 1);
@@ -254,7 +256,8 @@ class MapPage {
     this.bar.set(resolution);
     keepInAddress({ center: center.map(rounded).join(","), zoom: rounded(resolution) });
     // Without a pointer the values are those at the middle.
-    if (!this.target.matches(":hover")) void this.read(center, this.map.getPixelFromCoordinate(center) as Point);
+    const known = this.place !== null && center.every((each, k) => each === this.place![k]);
+    if (!known && !this.target.matches(":hover")) void this.read(center, this.map.getPixelFromCoordinate(center) as Point);
   }
 
   private readonly fields = ["x1", "y1", "x2", "y2"].map((name) =>
@@ -303,12 +306,15 @@ class MapPage {
   }
 
   private asked = new AbortController();
+  /** Where the values shown, or asked for, are; null: nowhere. */
+  private place: Point | null = null;
 
   /** Show the values of all layers at a point, of the surface that is seen there. */
   private async read(point: Point | null, pixel: Point): Promise<void> {
     this.asked.abort();
     this.asked = new AbortController();
     const { signal } = this.asked;
+    this.place = point;
     const surface = this.second && this.swipe.isSecond(pixel[0]) ? this.second : this.first;
     try {
       const found = point && (await surface.values(point, AbortSignal.any([signal, this.signal])));

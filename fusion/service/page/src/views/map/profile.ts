@@ -2,7 +2,7 @@
 import { element, fill } from "../../dom";
 import { isSource } from "../../layers";
 import { labelled, titleOf } from "../../look";
-import { bandPlot, type Band } from "../../plots";
+import type { Band, bandPlot } from "../../plots";
 import type { Point, ProfileValues, Surface } from "./surface";
 
 const HEIGHT = 190;
@@ -18,6 +18,7 @@ export class ProfilePanel {
   readonly root = element("section", { class: "profile", "aria-label": "Profile", hidden: true });
   private drawn = new AbortController();
   private layer: string;
+  private plot: typeof bandPlot | null = null;
 
   /** @param onPoint called with the point under the cursor of the plot; null: none */
   constructor(
@@ -37,7 +38,9 @@ export class ProfilePanel {
     const { signal } = this.drawn;
     this.root.hidden = line === null;
     if (!line || this.signal.aborted) return;
-    const found = await Promise.all(surfaces.map((each) => each.profile(line, signal)));
+    // What draws plots is large: it comes with the first profile.
+    const [plots, ...found] = await Promise.all([import("../../plots"), ...surfaces.map((each) => each.profile(line, signal))]);
+    this.plot = plots.bandPlot;
     if (!signal.aborted) this.draw(surfaces, found, signal);
   }
 
@@ -71,7 +74,7 @@ export class ProfilePanel {
     const bands = surfaces.map((surface, k) => bandOf(surface, found[k]!, this.layer));
     const unit = isSource(about) || !about.unit ? "" : ` (${about.unit})`;
     const labels = { x: "distance (m)", y: `${this.layer}${unit}` };
-    bandPlot(place, first.distance_m, bands, labels, (at) => {
+    this.plot!(place, first.distance_m, bands, labels, (at) => {
       this.onPoint(at === null ? null : [first.x_m[at]!, first.y_m[at]!]);
     }, signal);
   }

@@ -1,6 +1,7 @@
 // A surface of the service: its description, its tiles as numbers, values and profiles.
-import { ask, getJson, pathOf } from "../../api";
+import { ask, getJson } from "../../api";
 import type { LayerAbout } from "../../layers";
+import { pathOfSurface } from "../ahead";
 
 export interface Place {
   kind: string;
@@ -53,11 +54,6 @@ export type Point = [x: number, y: number];
 // Tiles of 256 kB each.
 const KEPT = 160;
 
-/** Where a surface lies in the interface. */
-export function pathOfSurface(workspace: string, place: Place): string {
-  return pathOf(workspace, "surfaces", place.kind, place.name);
-}
-
 export class Surface {
   private readonly tiles = new Map<string, Promise<Float32Array>>();
 
@@ -94,6 +90,16 @@ export class Surface {
     this.tiles.set(key, found);
     if (this.tiles.size > KEPT) this.tiles.delete(this.tiles.keys().next().value!);
     return found;
+  }
+
+  /** Ask for the tile of a layer, and for its hill-shade, where one tile is the whole surface. */
+  askWhole(layer: string): void {
+    const [level, ...others] = this.about.levels;
+    if (!level || others.length) return;
+    for (const each of new Set([layer, "hillshade"])) {
+      // Whoever draws it gets the problem.
+      if (this.layer(each)) this.tile(each, level.level, 0, 0).catch(() => undefined);
+    }
   }
 
   /** Return all layers at a point on the grid; null outside it. */
