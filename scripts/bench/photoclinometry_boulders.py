@@ -30,6 +30,7 @@ from pathlib import Path
 
 import numpy as np
 from photoclinometry import prepared, solved
+from photoclinometry_maplets import mean_heights
 
 from fusion.truth.assessment.assessment import light_on
 from fusion.truth.assessment.gather import workspace_models
@@ -42,7 +43,6 @@ from fusion.workspace import Workspace
 from spcola.grids import MapletGrid
 from spcola.truth.body import TruthBody
 from spcola.truth.body.relief import OUTLINE
-from spcola.truth.solution import heights_in_frame
 
 IMPORTED = ("SPC maplets", "mapolas, registered", "fused maplets")
 TRUE = "true height"
@@ -51,8 +51,6 @@ SOLUTIONS = {"images alone": "images", "images, mapolas": "lidar", "images, retu
 EDGES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 NEAR, FAR = 3.0, 4.0
 OTHERS = 1.0
-# Samples along the side of a cell.
-FINE = 3
 
 
 @dataclass(frozen=True)
@@ -114,10 +112,7 @@ def compared(
     patch = patch_errors(maplet, ground, planted.similarity)
     if not cells:
         return patch.points
-    grid = maplet.grid
-    fine = MapletGrid(grid.center, grid.axes, grid.gsd / FINE, FINE * grid.half_size + FINE // 2)
-    height = heights_in_frame(planted.body(), fine, planted.similarity)
-    mean = height.reshape(grid.size, FINE, grid.size, FINE).mean(axis=(1, 3))
+    mean = mean_heights(planted.body(), maplet.grid, planted.similarity)
     known = maplet.valid & np.isfinite(patch.truth)
     return replace(patch.points, height=(maplet.height - mean)[known])
 

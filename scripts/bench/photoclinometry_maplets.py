@@ -5,8 +5,9 @@ of the solution in use.
 
 - heights: each maplet's root mean square of the errors about their mean, in metres and in pixels of
   the best image.
-- slopes: errors of the slopes at points, at the GSD of the maplets; shares of the errors of both
-  slopes of cells within one and two of their sigmas, over all maplets.
+- slopes: errors of the slopes at points, at the GSD of the maplets, against those of the ground and
+  of its means over a cell, which pixels see; shares of the errors of both slopes of cells within
+  one and two of their sigmas, over all maplets.
 - albedo: correlation of the relative albedo of each maplet with the truth where three of its images
   or more show the ground with an incidence below 60 degrees, and its multiple correlation with both
   slopes; that of the true albedo with the true slopes stands next to it. Once more for means over
@@ -43,8 +44,9 @@ from spcola.formats.image_sigmas import (
     read_slope_sigma,
     slope_sigma_path,
 )
-from spcola.grids import Maplet
+from spcola.grids import Maplet, MapletGrid
 from spcola.heights.slopes import slopes_of
+from spcola.math import Similarity
 from spcola.photometry.ground import Ground
 from spcola.photometry.photoclinometry.surface import cell_slopes
 from spcola.truth.body import TruthBody
@@ -56,6 +58,8 @@ TYPICAL_PX, MOST_PX, SLOPES_DEG, ALBEDO, TOPOGRAPHY = 1.0, 3.0, 3.0, 0.9, 0.1
 MOST_INCIDENCE, LEAST_IMAGES = np.radians(60.0), 3
 # Groups of maplets by the number of their images begin with these.
 GROUPS = (2, 5, 7, 9, 1000)
+# Samples along the side of a cell whose mean is taken.
+FINE = 3
 # Points at the edges of maplets that are not compared: their slopes are one-sided.
 EDGE = 4
 
@@ -97,6 +101,8 @@ class Errors:
         Of the best of them, metres.
     height, slope : float
         Root mean square: heights about their mean, metres; slopes at points, degrees.
+    seen_slope : float
+        The latter against the slopes of the ground's means over a cell.
     tilts : ndarray
         Errors of the slopes of cells, over their sigmas.
     albedo : AlbedoErrors, optional
@@ -107,6 +113,7 @@ class Errors:
     pixel: float
     height: float
     slope: float
+    seen_slope: float
     tilts: np.ndarray
     albedo: AlbedoErrors | None
 
@@ -163,9 +170,10 @@ class Truth:
         height = heights_in_frame(self.body, maplet.grid, self.planted.similarity)
         wrong = (maplet.height - height)[inner, inner]
         gsd = maplet.grid.gsd
-        tilt = np.hypot(*np.array(slopes_of(maplet.height, gsd)) - np.array(slopes_of(height, gsd)))
-        tilt = tilt[inner, inner]
-        slope = np.degrees(np.arctan(np.sqrt(np.nanmean(tilt**2))))
+        seen_height = mean_heights(self.body, maplet.grid, self.planted.similarity)
+        slope, seen_slope = (
+            steepness(maplet.height - truth, gsd) for truth in (height, seen_height)
+        )
         tilts = cell_slopes(maplet.height - height, gsd) / made.slope_sigma
         tilts = tilts[:, inner, inner]
         albedo = self.albedo(maplet, made.albedo_sigma, height, seen)
@@ -173,7 +181,8 @@ class Truth:
             len(seen),
             pixel,
             float(np.nanstd(wrong)),
-            float(slope),
+            slope,
+            seen_slope,
             tilts[np.isfinite(tilts)],
             albedo,
         )
@@ -205,6 +214,20 @@ class Truth:
             by_slopes(maplet.albedo, maplet.height, good, maplet.grid.gsd),
             by_slopes(true, height, good, maplet.grid.gsd),
         )
+
+
+def mean_heights(body: TruthBody, grid: MapletGrid, similarity: Similarity) -> np.ndarray:
+    """Return the mean true heights (R, C) over squares of one GSD about the points of a grid."""
+    half = FINE * grid.half_size + FINE // 2
+    fine = MapletGrid(grid.center, grid.axes, grid.gsd / FINE, half)
+    height = heights_in_frame(body, fine, similarity)
+    return height.reshape(grid.size, FINE, grid.size, FINE).mean(axis=(1, 3))
+
+
+def steepness(error: np.ndarray, gsd: float) -> float:
+    """Return the root mean square of the slopes of errors of heights (R, C), degrees."""
+    tilt = np.hypot(*slopes_of(error, gsd))[EDGE:-EDGE, EDGE:-EDGE]
+    return float(np.degrees(np.arctan(np.sqrt(np.nanmean(tilt**2)))))
 
 
 def means(layer: np.ndarray) -> np.ndarray:
@@ -240,11 +263,13 @@ def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
     """Yield what is printed of one solution."""
     table = {
         name: np.array([getattr(one, name) for one in found])
-        for name in ("images", "pixel", "height", "slope")
+        for name in ("images", "pixel", "height", "slope", "seen_slope")
     }
     pixels = table["height"] / table["pixel"]
     typical, ninth, most = np.quantile(pixels, [0.5, 0.9, 1.0])
-    heights, slopes = (np.sqrt(np.mean(table[name] ** 2)) for name in ("height", "slope"))
+    heights, slopes, seen = (
+        np.sqrt(np.mean(table[name] ** 2)) for name in ("height", "slope", "seen_slope")
+    )
     pixel = np.median(table["pixel"])
     yield f"{title}: {len(found)} maplets, best pixels of {pixel:.2f} m (median)"
     yield (
@@ -253,7 +278,10 @@ def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
         f"{TYPICAL_PX:g}, never more than {MOST_PX:g})"
     )
     middle = np.median(table["slope"])
-    yield f"  slopes {slopes:.2f} deg, median of maplets {middle:.2f} (goal {SLOPES_DEG:g})"
+    yield (
+        f"  slopes {slopes:.2f} deg, median of maplets {middle:.2f}; against means over cells "
+        f"{seen:.2f}, {np.median(table['seen_slope']):.2f} (goal {SLOPES_DEG:g})"
+    )
     if len(tilts := np.abs(np.concatenate([one.tilts for one in found]))):
         pull, one, two = np.sqrt(np.mean(tilts**2)), np.mean(tilts < 1.0), np.mean(tilts < 2.0)
         yield f"  of cells: pull {pull:.2f}, within one sigma {one:.2f}, two {two:.2f}"
