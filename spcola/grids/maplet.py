@@ -18,7 +18,7 @@ from spcola.arrays import (
     read_only,
 )
 from spcola.errors import InvalidValueError
-from spcola.math import Affine, Similarity
+from spcola.math import Affine, Similarity, local_axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +63,9 @@ class MapletGrid:
 
     @classmethod
     def facing(cls, center: ArrayLike, normal: ArrayLike, gsd: float, half_size: int) -> MapletGrid:
-        """Build a grid with Uz along `normal` and the usual axes of SPC.
+        """Build a grid with Uz along `normal` and the usual axes of SPC, south and east.
 
-        Uy points east and Ux south (the orientation of published maplets); at a pole, where east is
-        undefined, Uy is the body's +Y turned into the plane.
+        They are the orientation of published maplets, and those of :func:`spcola.math.local_axes`.
 
         Parameters
         ----------
@@ -79,15 +78,9 @@ class MapletGrid:
         half_size : int
             q.
         """
-        uz = np.asarray(normal, dtype=np.float64)
-        uz = uz / np.linalg.norm(uz)
-        east = np.array([-uz[1], uz[0], 0.0])  # +Z × Uz
-        if np.linalg.norm(east) < 1e-6:
-            east = np.array([0.0, 1.0, 0.0]) - uz[1] * uz
-        uy = east / np.linalg.norm(east)
         return cls(
             np.asarray(center, dtype=np.float64),
-            np.stack([_cross(uy, uz), uy, uz]),
+            local_axes(normal),
             gsd,
             half_size,
         )
@@ -257,12 +250,6 @@ class Maplet:
     def moved(self, transform: Similarity | Affine) -> Self:
         """Return the maplet on ``grid.moved(transform)``: same heights, new place."""
         return replace(self, grid=self.grid.moved(transform))
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product (3,); for single vectors NumPy's takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def overlaps(one: MapletGrid, other: MapletGrid) -> bool:

@@ -11,7 +11,7 @@ from fusion.report.figures import binned
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, WorkspaceError
-from spcola.math import lon_lat_deg
+from spcola.math import local_axes, lon_lat_deg
 
 __all__ = ["RESULTS", "epsilon_table", "residuals", "result_json"]
 
@@ -22,8 +22,6 @@ RESULTS: Mapping[str, str] = {
 }
 """Results that are JSON, and their files."""
 _BINS = 12
-# Sine of the distance from a pole within which there is no east.
-_POLE = 1e-6
 _KEPT = ("name", "sigma_m", "used", "cause", "reason", "correlation", "coverage", "n_images")
 
 
@@ -123,7 +121,7 @@ def _matches(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     # Where nothing could be registered, no match has a residual.
     residuals = _vectors([entry.get("residual_m") or [None] * 3 for entry in entries])
     longitudes, latitudes = lon_lat_deg(centers)
-    south, east, up = np.einsum("nij,nj->in", _axes(centers), residuals)
+    south, east, up = np.einsum("nij,nj->in", local_axes(centers), residuals)
     columns = {
         "longitude_deg": longitudes,
         "latitude_deg": latitudes,
@@ -139,16 +137,6 @@ def _matches(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         {key: entry[key] for key in _KEPT if key in entry} | dict(zip(columns, row, strict=True))
         for entry, row in zip(entries, rows, strict=True)
     ]
-
-
-def _axes(centers: FloatArray) -> FloatArray:
-    """Return the axes (N, 3, 3) south, east and up at points (N, 3), as of MapletGrid.facing."""
-    up = centers / np.linalg.norm(centers, axis=1, keepdims=True)
-    east = np.stack([-up[:, 1], up[:, 0], np.zeros(len(up))], axis=1)
-    at_pole = np.linalg.norm(east, axis=1) < _POLE
-    east[at_pole] = np.array([0.0, 1.0, 0.0]) - up[at_pole, 1:2] * up[at_pole]
-    east /= np.linalg.norm(east, axis=1, keepdims=True)
-    return np.stack([np.cross(east, up), east, up], axis=1)
 
 
 def _against(entries: Sequence[Mapping[str, Any]], key: str, full: float) -> dict[str, Any]:

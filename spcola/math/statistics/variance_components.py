@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spcola.arrays import FloatArray
+from spcola.errors import NotObservableError
 
 # Bound on the logarithm of a size, relative to the prior's median: exp(−10) is practically 0.
 _REACH = 10.0
@@ -87,6 +88,11 @@ def most_likely_sizes(
     Returns
     -------
     (K,) ndarray
+
+    Raises
+    ------
+    NotObservableError
+        If the search does not converge.
     """
     center = np.log(median)
 
@@ -106,4 +112,7 @@ def most_likely_sizes(
             step = step / 4.0
             there = at(logs + step)
         logs, here = logs + step, there
-    return np.exp(logs)
+    raise NotObservableError(
+        f"the sizes of errors still change by {np.max(np.abs(step)):.0%} after {_MOST_STEPS} steps",
+        where="fit",
+    )

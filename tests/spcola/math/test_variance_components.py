@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spcola.errors import NotObservableError
 from spcola.math.statistics import SizeLikelihood, most_likely_sizes
 
 
@@ -50,3 +51,12 @@ def test_an_error_that_the_data_exclude_becomes_small_and_not_less_than_its_boun
         start=np.ones(2),
     )
     assert found[1] == pytest.approx(np.exp(-10.0))
+
+
+def test_a_search_that_crawls_is_not_a_result():
+    def steady(sizes):
+        # The deviance falls evenly by the logarithm, and the steps are of a fiftieth.
+        return SizeLikelihood(-float(np.log(sizes[0])), np.array([-1.0]), np.array([[50.0]]))
+
+    with pytest.raises(NotObservableError, match="still change by 2% after 200 steps"):
+        most_likely_sizes(steady, np.ones(1), width=1e9, start=np.full(1, np.exp(-9.0)))

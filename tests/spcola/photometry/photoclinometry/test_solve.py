@@ -305,7 +305,7 @@ def test_a_boulder_on_a_smooth_start_is_no_outlier(painted, monkeypatch):
         return np.std(found.maplet.height - boulder.heights())
 
     slowly = error()
-    monkeypatch.setattr("spcola.photometry.photoclinometry.solve._WIDE", 1.0)
+    monkeypatch.setattr("spcola.photometry.photoclinometry.surface_fit._WIDE", 1.0)
     # 0.018 and 0.026 m.
     assert slowly < 0.75 * error()
 
@@ -313,7 +313,7 @@ def test_a_boulder_on_a_smooth_start_is_no_outlier(painted, monkeypatch):
 def test_the_last_round_has_the_loss_that_is_asked_for(painted, photographs, monkeypatch):
     options = replace(FEW_ROUNDS, levels=(1,), rounds=1)
     one = solved(painted, photographs, options).maplet.height
-    monkeypatch.setattr("spcola.photometry.photoclinometry.solve._WIDE", 1.0)
+    monkeypatch.setattr("spcola.photometry.photoclinometry.surface_fit._WIDE", 1.0)
     np.testing.assert_array_equal(solved(painted, photographs, options).maplet.height, one)
 
 
