@@ -21,8 +21,8 @@ _PRODUCT_BYTES = 9000.0
 _BIGMAPS, _OF_RETURNS = 3, 2.0
 # Maplets and fused maplets are read, products are digested and layers written one by one.
 _READING_S, _FURTHER = 4e-3, 1.4
-# Figures of the report, seconds and bytes; both grow with the places that it shows.
-_REPORT_S, _REPORT_BYTES, _PAGE_WORKER_BYTES = 5.0, 2e6, 2e8
+# The report takes as long as so many that show a single place, and has so many bytes.
+_PLACES, _REPORT_BYTES, _PAGE_WORKER_BYTES = 7.0, 2e6, 2e8
 
 
 def ingest_forecast(situation: Situation, stage: Stage) -> StageForecast:
@@ -73,11 +73,12 @@ def release_forecast(situation: Situation, stage: Stage) -> StageForecast:
     )  # fmt: skip
 
 
-def report_forecast(_: Situation, stage: Stage) -> StageForecast:
+def report_forecast(situation: Situation, stage: Stage) -> StageForecast:
     """Return the forecast of the page, whose figures show a limited number of places."""
     return StageForecast(
-        stage.name, 1, 0, _REPORT_S, _PAGE_WORKER_BYTES, 1, _REPORT_BYTES, Basis.SYNTHETIC
-    )
+        stage.name, 1, 0, _PLACES * situation.synthetic.report(), _PAGE_WORKER_BYTES, 1,
+        _REPORT_BYTES, Basis.SYNTHETIC,
+    )  # fmt: skip
 
 
 def _points(situation: Situation, site: BigmapSite) -> float:

@@ -39,6 +39,7 @@ def register_forecast(situation: Situation, stage: Stage) -> StageForecast:
     count = len(names) + before * min(_SAMPLE, len(names))
     kept = min(round(share * len(names)), store.count)
     seconds = _FIT_S + (_MATCHES * (count - kept) + _BESIDES * len(names)) * each
+    seconds += situation.synthetic.relief(min(_SAMPLE, len(names)), table.capture_m)
     if table.by in ("images", "both") and not table.apply:
         seconds += _imaging(situation, names, ready=stage.name in situation.ready)
     points = situation.usual_mapola.size**2

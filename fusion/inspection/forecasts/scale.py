@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
-
-import numpy as np
 
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
-from fusion.stages.scale import sampled_pairs, scale_by_shots
+from fusion.stages.scale import sampled_pairs, seconds_of_estimate, seconds_of_searches
 from spcola.shape import RayCaster
 
 # Bytes of one point of a pair: in memory, in its two files, in its kept items.
 _POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 4000.0, 6.0, 190.0
 # Bytes of one return of a scan that is read as a whole.
 _RETURN_BYTES = 250.0
-# Shots of the runs that are timed.
-_SHOTS = (50, 250, 750)
+# Shots of the estimates that are timed.
+_SHOTS = (250, 750, 1500)
 _FIT_S = 1.0
 # Bytes of a shot: in memory, in scale.json.
 _SHOT_BYTES, _ENTRY_BYTES = 5000.0, 300.0
@@ -50,21 +47,19 @@ def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
 
 
 def _by_shots(situation: Situation, stage: Stage) -> StageForecast:
-    """Return the forecast from runs with few shots."""
+    """Return the forecast from estimates of few shots, and from searches for some scans."""
     caster = RayCaster(situation.workspace.shape())
     shots = min(situation.settings.scale.max_shots, situation.returns)
+    took = seconds_of_searches(situation.context(stage, situation.store(stage)), caster)
 
     def seconds(count: int) -> float:
-        settings = situation.settings.with_table("scale", max_shots=max(count, _SHOTS[0]))
-        tried = replace(situation, settings=settings)
-        begun = time.perf_counter()
-        scale_by_shots(tried.context(stage, tried.store(stage)), caster, situation.radius)
-        return time.perf_counter() - begun
+        # All shots may be fewer than the least that the settings take.
+        some = situation.settings.with_table("scale", max_shots=count) if count < shots else None
+        tried = replace(situation, settings=some or situation.settings)
+        return seconds_of_estimate(tried.context(stage, tried.store(stage)), caster)
 
-    # The first does not count: code may be compiled then.
-    counts = [min(count, shots) for count in _SHOTS]
-    seconds(counts[0])
-    took = _extrapolated(counts, [seconds(count) for count in counts], shots)
+    counts = sorted({min(count, shots) for count in _SHOTS})
+    took += _extrapolated(counts, [seconds(count) for count in counts], shots)
     return StageForecast(
         stage.name, len(situation.workspace.scan_names()), 0, took,
         _SHOT_BYTES * shots, situation.workers, _ENTRY_BYTES * shots, Basis.SAMPLE,
@@ -72,13 +67,15 @@ def _by_shots(situation: Situation, stage: Stage) -> StageForecast:
 
 
 def _extrapolated(counts: list[int], seconds: list[float], count: int) -> float:
-    """Return the time of `count` shots from those of three smaller counts.
+    """Return the time of `count` shots from those of up to three smaller counts.
 
-    What exceeds the time of the fewest grows with a power of the count between 1 and 2: more
-    shots take more iterations, and places that misfit are searched for among more.
+    Each effect that shots share is in the equations of many of them: their time grows with the
+    square of the count.
     """
-    more, most = (max(each - seconds[0], 1e-6) for each in seconds[1:])
-    if counts[2] <= counts[1] or count <= counts[2]:
-        return seconds[2]
-    power = float(np.clip(np.log(most / more) / np.log(counts[2] / counts[1]), 1.0, 2.0))
-    return seconds[0] + most * (count / counts[2]) ** power
+    if len(counts) < len(_SHOTS) or count <= counts[-1]:
+        return seconds[-1]
+    few, some, many = counts
+    first = (seconds[1] - seconds[0]) / (some - few)
+    second = (seconds[2] - seconds[1]) / (many - some)
+    curved = max((second - first) / (many - few), 0.0)
+    return seconds[2] + (count - many) * max(second + curved * (count - some), 0.0)

@@ -16,6 +16,8 @@ from fusion.fusing.uncertainty import DEFAULT_INFORMATION
 from fusion.inspection.forecasts.timing import seconds_of
 from fusion.products import Provenance
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
+from fusion.registration.judging import UNRELATED, ReliefPair, common_relief
+from fusion.report import ReportData, Surfaces, make_report
 from fusion.surfacematch import MatchOptions, Surface, match_surfaces
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.grids import Maplet, MapletGrid
@@ -50,6 +52,16 @@ class SyntheticCosts:
         height = 10.0 * self.gsd * ndimage.gaussian_filter(rough, 3.0)
         return Maplet("SPC", grid, height, sigma=np.full(grid.shape, _SIGMA))
 
+    @cached_property
+    def _fused(self) -> FusedMaplet:
+        """The same maplet, of lidar throughout."""
+        spc = self._maplet
+        count = np.ones(spc.grid.shape, np.int32)
+        source = np.full(spc.grid.shape, int(Source.LIDAR))
+        return FusedMaplet(
+            "SPC", spc.grid, spc.height, spc.albedo, spc.sigma, np.full(3, _SIGMA), count, source
+        )
+
     def match(self, options: MatchOptions) -> float:
         """Seconds of the match of a mapola with a maplet."""
         spc = self._maplet
@@ -60,6 +72,20 @@ class SyntheticCosts:
         return seconds_of(
             lambda: match_surfaces("SPC", spc.grid, lidar, smooth, options=options), self.workers
         )
+
+    def relief(self, count: int, capture_m: float) -> float:
+        """Seconds of comparing the relief of so many mapolas with that of SPC and elsewhere."""
+        spc = self._maplet
+        reach = max(1, int(np.ceil(capture_m / self.gsd)))
+        pair = ReliefPair(spc.height, spc.height, np.zeros(2), reach)
+        seconds = seconds_of(lambda: common_relief([pair, pair]), self.workers)
+        return seconds * count * (count + UNRELATED) / (2.0 * (2.0 + UNRELATED))
+
+    def report(self) -> float:
+        """Seconds of a report that shows a single place."""
+        fused = self._fused
+        data = ReportData("body", surfaces=(Surfaces(fused, fused.height, fused.height),))
+        return seconds_of(lambda: make_report(data), 1)
 
     def fusion(self) -> float:
         """Seconds of fusing a maplet."""
@@ -77,18 +103,12 @@ class SyntheticCosts:
 
     def products(self, kinds: list[str]) -> tuple[float, float]:
         """Seconds of writing the products of one maplet, and their bytes."""
-        spc = self._maplet
-        count = np.ones(spc.grid.shape, np.int32)
-        source = np.full(spc.grid.shape, int(Source.LIDAR))
-        fused = FusedMaplet(
-            "SPC", spc.grid, spc.height, spc.albedo, spc.sigma, np.full(3, _SIGMA), count, source
-        )
         with tempfile.TemporaryDirectory() as folder:
 
             def write() -> None:
                 for kind in kinds:
                     if kind in _WRITERS:
-                        _WRITERS[kind](Path(folder) / f"product.{kind}", fused, _PROVENANCE)
+                        _WRITERS[kind](Path(folder) / f"product.{kind}", self._fused, _PROVENANCE)
 
             seconds = seconds_of(write, 1)
             size = sum(path.stat().st_size for path in Path(folder).iterdir())

@@ -1,6 +1,6 @@
 """Acceptance tests of a registration: common relief, residuals against their stated sigmas."""
 
-from fusion.registration.judging.common_ground import ReliefPair, common_relief
+from fusion.registration.judging.common_ground import UNRELATED, ReliefPair, common_relief
 from fusion.registration.judging.judging import (
     Evidence,
     RegistrationLimits,
@@ -9,6 +9,7 @@ from fusion.registration.judging.judging import (
 )
 
 __all__ = [
+    "UNRELATED",
     "Evidence",
     "RegistrationLimits",
     "ReliefPair",

@@ -10,7 +10,7 @@ half a grid.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +23,8 @@ from spcola.grids.gaps import bridged, trend_of
 
 SHOWN = 4.0
 """Standard deviations of unrelated ground by which a significant correlation exceeds its mean."""
+UNRELATED = 31
+"""Ways in which a relief is rotated, mirrored and shifted to be unrelated to the ground below."""
 # Standard deviation, cells, of the Gaussian that separates fine from coarse relief.
 _FINE = 3.0
 # Largest correlation, so that Fisher's z is finite.
@@ -95,32 +97,36 @@ class CommonRelief:
         return float(np.sum(self.shown)) / self.compared if self.compared else float("nan")
 
 
-def common_relief(surfaces: Sequence[ReliefPair]) -> CommonRelief:
+def common_relief(
+    surfaces: Sequence[ReliefPair],
+    each: Callable[[Callable[[_Case], _Significance], list[_Case]], Iterable[_Significance]] = map,
+) -> CommonRelief:
     """Compare the relief of lidar and SPC with that of unrelated ground.
 
     Parameters
     ----------
     surfaces : sequence of ReliefPair
         Some two dozen suffice; the work grows with the square of their number.
+    each : callable, optional
+        Applies a function to each surface, as the built-in ``map``; others do it in parallel, or
+        show progress.
 
     Returns
     -------
     CommonRelief
     """
     reliefs = [(_relief(one.lidar), _relief(one.spc)) for one in surfaces]
-    z_score, apart, by_chance = [], [], []
-    for number, (one, (lidar, spc)) in enumerate(zip(surfaces, reliefs, strict=True)):
-        pairs = [(lidar, spc)]
-        pairs += [(lidar, other) for k, (_, other) in enumerate(reliefs) if k != number]
-        pairs += [(unrelated, spc) for unrelated in _unrelated(lidar)]
-        found = _scored([_best(*pair, one.reach) for pair in pairs])
-        away = np.hypot(*(found.place - one.shift).T)
-        own = found.z_score[0]
-        z_score.append(own if own > SHOWN or lidar.height > one.noise else np.nan)
-        apart.append(away[0])
-        by_chance.append((found.z_score[1:] > SHOWN) & ~(away[1:] > _MOST_APART))
-    chance = float(np.mean(np.concatenate(by_chance))) if by_chance else 0.0
-    return CommonRelief(np.array(z_score), np.array(apart), chance)
+    of_spc = [spc for _, spc in reliefs]
+    cases = [
+        _Case(one, lidar, spc, of_spc[:number] + of_spc[number + 1 :])
+        for number, (one, (lidar, spc)) in enumerate(zip(surfaces, reliefs, strict=True))
+    ]
+    found = list(each(_significance, cases))
+    chance = float(np.mean(np.concatenate([one.by_chance for one in found]))) if found else 0.0
+    z_score, apart = (
+        np.array([getattr(one, key) for one in found]) for key in ("z_score", "apart")
+    )
+    return CommonRelief(z_score, apart, chance)
 
 
 class _Relief(NamedTuple):
@@ -133,6 +139,23 @@ class _Relief(NamedTuple):
     def height(self) -> float:
         """Standard deviation of the whole relief, metres; 0 where nothing is known."""
         return float(np.std(self.bands[0][self.known])) if self.known.any() else 0.0
+
+
+class _Case(NamedTuple):
+    """A lidar surface with its relief, that of SPC there, and those of SPC elsewhere."""
+
+    surface: ReliefPair
+    lidar: _Relief
+    spc: _Relief
+    elsewhere: list[_Relief]
+
+
+class _Significance(NamedTuple):
+    """Of one surface: its z-score, its distance in cells, and which unrelated pairs pass."""
+
+    z_score: float
+    apart: float
+    by_chance: BoolArray
 
 
 class _Best(NamedTuple):
@@ -167,8 +190,21 @@ def _relief(height: FloatArray) -> _Relief:
     return _Relief(np.where(known, bands, 0.0), known)
 
 
+def _significance(case: _Case) -> _Significance:
+    """Compare one lidar surface with SPC, and with unrelated ground."""
+    surface, lidar, spc, elsewhere = case
+    pairs = [(lidar, spc), *((lidar, other) for other in elsewhere)]
+    pairs += [(unrelated, spc) for unrelated in _unrelated(lidar)]
+    found = _scored([_best(*pair, surface.reach) for pair in pairs])
+    away = np.hypot(*(found.place - surface.shift).T)
+    own = float(found.z_score[0])
+    compared = own > SHOWN or lidar.height > surface.noise
+    passed = (found.z_score[1:] > SHOWN) & ~(away[1:] > _MOST_APART)
+    return _Significance(own if compared else float("nan"), float(away[0]), passed)
+
+
 def _unrelated(relief: _Relief) -> list[_Relief]:
-    """Return the relief rotated, mirrored and shifted by half its grid in 31 ways."""
+    """Return the relief rotated, mirrored and shifted by half its grid."""
     rows, columns = (size // 2 for size in relief.known.shape)
     made = []
     for mirrored in (False, True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,8 +79,9 @@ def evidence_of(
         noise = stated if np.isfinite(stated) else 0.0
         return ReliefPair(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
 
-    found = context.map("compare relief", compared, sample)
-    relief = common_relief([pair for pair, _ in found])
+    found = context.map("project relief", compared, sample)
+    pairs = [pair for pair, _ in found]
+    relief = common_relief(pairs, partial(context.map, "compare relief"))
     return Evidence(relief, np.array([chi for _, chi in found]))
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -49,6 +52,8 @@ from spcola.shape import RayCaster
 
 # A scan, and the shares of states in the places of its shots.
 _PlacedScan = tuple[Scan, FloatArray | None]
+# Applies a function to groups of scans.
+_Each = Callable[[Callable[[Scan], PlaceCheck], list[Scan]], Iterable[PlaceCheck]]
 
 
 def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> ScaleResult:
@@ -95,6 +100,36 @@ def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> S
     findings = scale_findings(compared.observations, estimate, options)
     findings += lost_findings("shots", compared.missed, len(compared.hits))
     return ScaleResult(content, [*findings, *at_place, *shots.taken.findings()])
+
+
+def seconds_of_estimate(context: StageContext, caster: RayCaster) -> float:
+    """Return the time of the estimate from the shots of a context, without other places."""
+    shots = _Shots.of(context, caster)
+    options = scale_options(context.table(ScaleSettings))
+    begun = time.perf_counter()
+    # Few shots may not determine what all do.
+    with suppress(NotObservableError):
+        iterate_shots(shots.compared(LidarPlacement()), shots.compared, options=options)
+    return time.perf_counter() - begun
+
+
+def seconds_of_searches(context: StageContext, caster: RayCaster) -> float:
+    """Return the time of reading the shots and searching other places, by that of some scans."""
+    begun = time.perf_counter()
+    shots = _Shots.of(context, caster)
+    options = scale_options(context.table(ScaleSettings))
+    left = 0.0
+
+    def some(check: Callable[[Scan], PlaceCheck], groups: list[Scan]) -> list[PlaceCheck]:
+        nonlocal left
+        chosen, start = groups[: context.executor.workers], time.perf_counter()
+        found = list(context.executor.stream(check, chosen))
+        left = (len(groups) / len(chosen) - 1.0) * (time.perf_counter() - start)
+        return found
+
+    if shots.placed:
+        shots.places(options, LidarPlacement(), some)
+    return time.perf_counter() - begun + left
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +189,8 @@ class _Shots:
     ) -> tuple[dict[str, Any], list[Finding]]:
         """Search for other places at which all shots, or those of single scans, fit the shape."""
         known = LidarPlacement.of(estimate.fit.estimate)
-        scans = [scan for scan, _ in self.placed]
-        check, by_scan = self._places(scans, options, known)
+        each = partial(self.context.map, "search other places of scans")
+        check, by_scan = self.places(options, known, each)
         crossings = compare_crossings(self.each(known), options.prior, known)
         content = {
             "longitude_check": place_json(check),
@@ -164,27 +199,16 @@ class _Shots:
         scatter = expected_scatter(compared.observations, options)
         return content, [*place_findings(check, scatter), *scan_findings(by_scan, crossings)]
 
-    def _places(
-        self, scans: list[Scan], options: ScaleOptions, known: LidarPlacement
+    def places(
+        self, options: ScaleOptions, known: LidarPlacement, each: _Each
     ) -> tuple[PlaceCheck, ScanChecks]:
         """Search where all shots fit the shape; if that is not elsewhere, where single scans do."""
-        check = check_place(
-            join("shots", scans),
-            self.caster,
-            prior=options.prior,
-            known=known,
-            trajectory=self.trajectory,
-        )
+        scans = [scan for scan, _ in self.placed]
+        given: Any = {"prior": options.prior, "known": known, "trajectory": self.trajectory}
+        check = check_place(join("shots", scans), self.caster, **given)
         if check.misfit:
             return check, ScanChecks()
-        return check, check_scans(
-            scans,
-            self.caster,
-            prior=options.prior,
-            known=known,
-            trajectory=self.trajectory,
-            each=partial(self.context.map, "search other places of scans"),
-        )
+        return check, check_scans(scans, self.caster, each=each, **given)
 
 
 def _compared(
