@@ -45,8 +45,8 @@ def mad(values: ArrayLike, axis: int | None = None) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     if axis is None:
         array, axis = array.ravel(), 0
-    deviation = np.abs(array - np.expand_dims(_median(array, axis), axis))
-    return MAD_TO_SIGMA * _median(deviation, axis)
+    deviation = np.abs(array - np.expand_dims(known_median(array, axis), axis))
+    return MAD_TO_SIGMA * known_median(deviation, axis)
 
 
 HUBER = 1.345
@@ -119,11 +119,21 @@ def biweight(z: ArrayLike) -> FloatArray:
     return np.where(np.isnan(ratio), 0.0, weight)
 
 
-def _median(array: FloatArray, axis: int) -> FloatArray:
-    """Return the median of the values that are not NaN along `axis`; NaN where there is none.
+def known_median(array: FloatArray, axis: int = 0) -> FloatArray:
+    """Return the median of the values that are not NaN along an axis; NaN where there is none.
 
     ``numpy.nanmedian`` warns of slices without a value, which are an ordinary case here (a
     cell without returns), and its warning filter is not safe in threads.
+
+    Parameters
+    ----------
+    array : ndarray
+    axis : int, optional
+
+    Returns
+    -------
+    ndarray
+        Without the axis.
     """
     if array.ndim == 1 and array.size:
         # Many times as fast as a sort and the indices of the general case.

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spcola.camera import SpcImage
+from spcola.math.robust import known_median
 from spcola.photometry.albedo.windows import Window
 from spcola.photometry.photoclinometry import Fit, ImageFit
 from spcola.photometry.photoclinometry.image_equations import Compared, ImageState
@@ -65,7 +66,7 @@ class Tally:
         fit = Fit.CONTRADICTS if contradicts(correlation, pixels) else Fit.USED
         shift = (float(state.shift[0]), float(state.shift[1]))
         gradient = (float(state.gradient[0]), float(state.gradient[1]))
-        noise, pixel_m = np.nanmedian(self._each[number], axis=0)
+        noise, pixel_m = known_median(np.array(self._each[number]))
         return ImageFit(
             name, fit, state.scale, shift, state.spread, correlation, pixels, gradient,
             float(noise), float(pixel_m),

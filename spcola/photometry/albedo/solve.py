@@ -11,6 +11,7 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import Maplet
+from spcola.math.robust import known_median
 from spcola.photometry.albedo.fits import Tally
 from spcola.photometry.albedo.result import AlbedoOutcome, AlbedoSolution
 from spcola.photometry.albedo.windows import FixedGround, Window
@@ -175,7 +176,7 @@ class _Work:
     @property
     def residual(self) -> float:
         """Median residual of brightness over images, relative."""
-        return float(np.nanmedian([state.spread for state in self.states]))
+        return float(known_median(np.array([state.spread for state in self.states])))
 
     def views(self, window: Window) -> list[tuple[int, ImageWindow]]:
         """Return number and view of the images over a window; the first ones are kept."""

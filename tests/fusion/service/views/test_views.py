@@ -28,7 +28,7 @@ from fusion.service.views.results import epsilon_table, residuals
 from fusion.service.views.surfaces import SurfaceKind, open_surface
 from fusion.service.views.tables import TableFormat, read_table, table_names
 from fusion.stages.release import STAGE
-from spcola.errors import InvalidValueError, WorkspaceError
+from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 from spcola.formats.shapes import write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
@@ -156,6 +156,17 @@ def test_residuals_point_where_they_do_and_rejected_ones_are_marked(workspace) -
     assert (first["residual_east_m"], first["residual_north_m"]) == pytest.approx((0, 0), abs=1e-9)
     assert (second["used"], second["cause"]) == (False, "coverage")
     assert np.isnan(second["size_m"])
+
+
+@pytest.mark.parametrize(
+    ("key", "coordinates"), [("center_m", 2), ("center_m", 6), ("residual_m", 2), ("residual_m", 6)]
+)
+def test_matches_without_three_coordinates_are_refused(workspace, key, coordinates) -> None:
+    # Six of them, so that the numbers would also do for other rows of three.
+    rows = [{**match(k % 2), key: [1.0] * coordinates} for k in range(6)]
+    workspace.write_json("registration.json", {"per_mapola": rows})
+    with pytest.raises(FormatError, match=r"registration\.json: has no usable mapolas"):
+        residuals(workspace)
 
 
 def test_epsilon_by_angle_has_means_with_standard_errors(workspace) -> None:

@@ -222,14 +222,18 @@ def test_both_published_conventions(painted, photographs, found):
     ) < 0.7 * np.nanstd(found.albedo)
 
 
-def test_images_of_nothing_and_of_other_ground_are_named(painted, photographs):
+def test_an_image_of_nothing_is_named(painted, photographs):
     black = replace(photographs[0], pixels=np.zeros_like(photographs[0].pixels))
     none = solved(painted, [black])
     assert none.outcome is AlbedoOutcome.NO_IMAGE
     assert none.images[0].fit is Fit.NOT_SEEN
     assert np.isnan(none.albedo).all()
     assert none.share == 0.0
-    other = replace(photographs[1], pixels=photographs[1].pixels[::-1, ::-1].copy())
+
+
+@pytest.mark.parametrize("lines", [1, -1], ids=["mirrored", "upside down"])
+def test_an_image_of_other_ground_is_named(painted, photographs, lines):
+    other = replace(photographs[1], pixels=photographs[1].pixels[::lines, ::-1].copy())
     found = solved(painted, [photographs[0], other, *photographs[2:]])
     assert [fit.name for fit in found.images if fit.fit is not Fit.USED] == ["I1"]
 
