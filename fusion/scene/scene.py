@@ -120,16 +120,13 @@ class Scene:
         """Gather the input of the fused maplet `name`."""
         spc = self._spc(name)
         light = self._light(spc)
-        near = self.near(name, spc.grid)
-        # The registration error of the first mapola is taken as shared by all lidar heights.
-        common = self.placements[near[0]].covariance if near else np.zeros((3, 3))
         return FuseInput(
             name=name,
             grid=spc.grid,
             spc=_where_lit(spc, light),
             lidar=self.lidar(name, spc.grid),
             prior=self._shape(spc),
-            common_covariance=common,
+            common_covariance=self.common_covariance(name, spc.grid),
             light=light,
         )
 
@@ -216,6 +213,20 @@ class Scene:
     def lidar(self, name: str, grid: MapletGrid) -> Constraints:
         """Return the heights of registered mapolas on a grid, that of the place `name` first."""
         return lidar_constraints(grid, self._candidates(self.near(name, grid)))
+
+    def common_covariance(self, name: str, grid: MapletGrid) -> FloatArray:
+        """Return the covariance (3, 3), m², of the error that all lidar heights on a grid share.
+
+        It is the error of registration of the first mapola; 0 without any.
+
+        Parameters
+        ----------
+        name : str
+            Of the place.
+        grid : MapletGrid
+        """
+        near = self.near(name, grid)
+        return self.placements[near[0]].covariance if near else np.zeros((3, 3))
 
     def near(self, name: str, grid: MapletGrid) -> list[str]:
         """Mapolas over `grid`: that of the place `name` first, then the nearest."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +133,7 @@ class ConstrainingHeights:
             found.append(HeightConstraint.of_sigma("shape", heights, sigma, common=_COMMON_SHAPE))
         found += self._maplets(start)
         if self.scene is not None:
-            lidar = self.scene.lidar(start.name, grid)
-            found.append(HeightConstraint.of_sigma("lidar", lidar.height, lidar.sigma))
+            found.append(_of_mapolas(self.scene, start.name, grid))
         if self.returns is not None:
             found.append(self.returns.constraint(start, slope_sigma))
         if self.limbs is not None:
@@ -152,6 +151,14 @@ class ConstrainingHeights:
             for other in maplets_around(self.workspace, self.grids, grid)
             if other.name != start.name and _kind_of(other.grid, grid) in kinds
         ]
+
+
+def _of_mapolas(scene: Scene, name: str, grid: MapletGrid) -> HeightConstraint:
+    """Return the heights of registered mapolas on the grid of a maplet."""
+    lidar, common = scene.lidar(name, grid), scene.common_covariance(name, grid)
+    shared_sigma = float(np.sqrt(grid.uz @ common @ grid.uz))
+    heights = HeightConstraint.of_sigma("lidar", lidar.height, lidar.sigma)
+    return replace(heights, shared_sigma=shared_sigma)
 
 
 def no_shape(workspace: Workspace) -> WorkspaceError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,11 +64,13 @@ class HeightConstraint:
         Number of neighbouring points that share one error.
     left_out : int
         Number of heights that were left out as false, before.
+    shared_sigma : float
+        Standard deviation of an error that all heights of the grid share, metres.
 
     Raises
     ------
     InvalidValueError
-        If shapes differ, or a weight is negative or not finite.
+        If shapes differ, or a weight or the shared sigma is negative or not finite.
     """
 
     name: str
@@ -76,6 +79,7 @@ class HeightConstraint:
     points: PointHeights | None = None
     common: float = 1.0
     left_out: int = 0
+    shared_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         height = frozen(self.height, (None, None), f"heights of {self.name}")
@@ -83,6 +87,8 @@ class HeightConstraint:
         check_shape(weight, height.shape, f"weights of {self.name}")
         if np.isinf(height).any() or not ((weight >= 0) & (weight < np.inf)).all():
             raise InvalidValueError("contains an infinite height or a wrong weight", self.name)
+        if not 0.0 <= self.shared_sigma < np.inf:
+            raise InvalidValueError("has a wrong shared sigma", self.name)
         object.__setattr__(self, "height", height)
         object.__setattr__(self, "weight", weight)
 
@@ -176,7 +182,8 @@ class HeightConstraint:
         """
         if self.points is None:
             apart = (self.height - maplet.height)[self.weight > 0.0]
-            sigma = (self.weight * self.common)[self.weight > 0.0] ** -0.5
+            own = 1.0 / (self.weight * self.common)[self.weight > 0.0]
+            sigma = np.sqrt(own + self.shared_sigma**2)
         else:
             x, y = self.points.places[:, :2].T / maplet.grid.gsd
             apart = self.points.places[:, 2] - maplet.grid.interpolated(maplet.height, x, y)
@@ -209,26 +216,57 @@ def _spread_in_cells(x: FloatArray, y: FloatArray, apart: FloatArray) -> float:
     return float(mad(((apart[known] - mean[cell]) * free[cell])[several[cell]]))
 
 
+@dataclass(frozen=True, eq=False)
+class GridHeights:
+    """Constraining heights of the points of a grid.
+
+    Attributes
+    ----------
+    height, weight : (R, C) ndarrays
+        Metres, 0 without any, and 1/m².
+    shared_sigma : float
+        Standard deviation of an error that all of them share, metres.
+    """
+
+    height: FloatArray
+    weight: FloatArray
+    shared_sigma: float = 0.0
+
+    @classmethod
+    def of(
+        cls, constraints: Sequence[HeightConstraint], grid: MapletGrid, level: MapletGrid
+    ) -> GridHeights:
+        """Return weighted means, and sums of weights, of heights on `grid` at points of a `level`.
+
+        Each point of the grid counts at the nearest point of the coarser level.
+        """
+        index = np.rint(grid.offsets * grid.gsd / level.gsd).astype(np.int64) + level.half_size
+        place = (index[:, None] * level.size + index[None, :]).ravel()
+        weight, pull = np.zeros((2, level.size**2))
+        for one in constraints:
+            known = one.weight.ravel()
+            weight += np.bincount(place, known, level.size**2)
+            pull += np.bincount(place, known * np.nan_to_num(one.height).ravel(), level.size**2)
+        mean = np.divide(pull, weight, out=np.zeros_like(pull), where=weight > 0)
+        shared = max((one.shared_sigma for one in constraints), default=0.0)
+        return cls(mean.reshape(level.shape), weight.reshape(level.shape), shared)
+
+
 def gathered(
     constraints: tuple[HeightConstraint, ...], grid: MapletGrid, level: MapletGrid
-) -> tuple[FloatArray, FloatArray, PointEquations]:
-    """Return weighted mean heights (R', C'), sums of weights at the points of a level, and points.
+) -> tuple[tuple[GridHeights, ...], PointEquations]:
+    """Return the heights at the points of a level, and those of single points between them.
 
-    Each point of `grid` counts at the nearest point of the coarser `level`. Where there is no
-    height, the mean is 0, with weight 0. Single points are not in these.
+    The first are all whose errors are not shared; each of the further ones shares an error.
     """
-    index = np.rint(grid.offsets * grid.gsd / level.gsd).astype(np.int64) + level.half_size
-    place = (index[:, None] * level.size + index[None, :]).ravel()
-    weight, pull = np.zeros((2, level.size**2))
     for one in constraints:
         check_shape(one.height, grid.shape, f"heights of {one.name}")
-        if one.points is not None:
-            continue
-        weight += np.bincount(place, one.weight.ravel(), level.size**2)
-        pull += np.bincount(place, (one.weight * np.nan_to_num(one.height)).ravel(), level.size**2)
-    mean = np.divide(pull, weight, out=np.zeros_like(pull), where=weight > 0)
+    gridded = [one for one in constraints if one.points is None]
+    alone = [one for one in gridded if not one.shared_sigma]
+    sharing = [[one] for one in gridded if one.shared_sigma]
+    heights = tuple(GridHeights.of(some, grid, level) for some in (alone, *sharing))
     points = PointEquations.of([one.points for one in constraints if one.points is not None], level)
-    return mean.reshape(level.shape), weight.reshape(level.shape), points
+    return heights, points
 
 
 def constrained_points(

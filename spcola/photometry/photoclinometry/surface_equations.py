@@ -18,6 +18,7 @@ from spcola.photometry.photoclinometry.albedo_equations import (
 )
 from spcola.photometry.photoclinometry.cell_pixels import UNKNOWNS, WITH_CONTRAST, cell_offset
 from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInformation, CellSurface
+from spcola.photometry.photoclinometry.constraints import GridHeights
 from spcola.photometry.photoclinometry.image_equations import Sums
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.point_heights import PointEquations
@@ -166,15 +167,14 @@ class Priors:
     ----------
     slopes : (2, R − 1, C − 1) ndarray
         Of the start surface.
-    height, weight : (R, C) ndarrays
-        Constraining heights, metres, and their weights, 1/m².
+    heights : tuple of GridHeights
+        Constraining heights of the grid's points.
     points : PointEquations
         Constraining heights of points between those of the grid.
     """
 
     slopes: FloatArray
-    height: FloatArray
-    weight: FloatArray
+    heights: tuple[GridHeights, ...]
     points: PointEquations
 
 
@@ -185,12 +185,13 @@ class HeightEquations(CellSurface):
     ----------
     cells : CellInformation
         Of images and priors.
-    points : PointEquations
-        Their shared errors are eliminated, and are not in the solution: each round finds them anew.
+    priors : Priors
+        Shared errors of their heights are eliminated, and are not in the solution: each round finds
+        them anew.
     surface : Surface
         About which heights are solved.
     weight, right : (R, C) ndarrays
-        Weights of constraining heights of the grid's points, 1/m², and right-hand sides.
+        Further weights of heights of the grid's points, 1/m², and right-hand sides.
     twist : (R − 1, C − 1) ndarray
         As of :class:`CellSurface`.
     """
@@ -198,24 +199,35 @@ class HeightEquations(CellSurface):
     def __init__(
         self,
         cells: CellInformation,
-        points: PointEquations,
+        priors: Priors,
         surface: Surface,
         weight: FloatArray,
         right: FloatArray,
         twist: FloatArray,
     ) -> None:
         self._own = len(cells.nuisance)
-        by_points, shared = points.about(surface)
-        known = np.array(points.diagonals)
+        points = priors.points
+        by_points, pulled = points.about(surface)
+        known, right = np.array(points.diagonals), right + by_points
         known[0] += weight
-        with_points = CellInformation(
+        coupled, information, pulls = [points.coupled], [points.shared], [pulled]
+        for one in priors.heights:
+            pull = one.weight * (one.height - surface.height)
+            known[0] += one.weight
+            right = right + pull
+            if one.shared_sigma:
+                coupled.append(one.weight[None])
+                information.append(np.array([[one.weight.sum() + one.shared_sigma**-2.0]]))
+                pulls.append(np.array([pull.sum()]))
+        shared = np.concatenate(pulls)
+        with_heights = CellInformation(
             cells.normal,
             cells.right,
-            np.concatenate([cells.coupled, points.coupled]) if len(shared) else cells.coupled,
-            block_diag(cells.nuisance, points.shared) if len(shared) else cells.nuisance,
+            np.concatenate([cells.coupled, *coupled]) if len(shared) else cells.coupled,
+            block_diag(cells.nuisance, *information) if len(shared) else cells.nuisance,
             np.concatenate([cells.nuisance_right, shared]),
         )
-        super().__init__(with_points, surface.gsd, known, right + by_points, twist)
+        super().__init__(with_heights, surface.gsd, known, right, twist)
 
     def solve(self, *, tolerance: float = TOLERANCE) -> tuple[FloatArray, FloatArray]:
         """Return heights (R, C), metres, and nuisance parameters (P,), those of points left out."""
@@ -250,13 +262,13 @@ def height_equations(
     normal[3] += weight
     right[:2] += weight * (priors.slopes - surface.slopes)
     twist = _twist_information(priors.points, options.twist_sigma, gsd)
-    pull = priors.weight * (priors.height - height)
+    pull = np.zeros(height.shape)
     _add_twist(pull, -twist * _twist(height))
     return HeightEquations(
         CellInformation(normal, right, cells.coupled, cells.nuisance, cells.nuisance_right),
-        priors.points,
+        priors,
         surface,
-        priors.weight + most_m**-2 / height.size,
+        np.full(height.shape, most_m**-2 / height.size),
         pull,
         twist,
     )

@@ -93,7 +93,7 @@ def test_they_lie_where_their_registration_puts_them(mission):
 def test_scans_that_the_registration_displaces_are_displaced(mission):
     workspace = Workspace.open(mission[0])
     returns, start = RegisteredReturns.of(workspace), workspace.maplet(NAME)
-    content = workspace.read_json("registration.json")
+    content = Workspace.open(root).read_json("registration.json")
     raised = 0.3 * start.grid.uz
     for entry in content["per_scan"]:
         entry["offset_m"] = (np.array(entry["offset_m"]) + raised).tolist()
@@ -150,6 +150,21 @@ def test_the_solution_of_images_and_lidar_may_use_returns(mission):
     finally:
         (root / "spcola.toml").write_text(text)
     assert content["options"]["constraints"] == ["shape", "overlaps", "coarser", "returns"]
+
+
+def test_the_error_of_the_registration_does_not_average_away(mission):
+    """However many cells of mapolas constrain a maplet, they are displaced together."""
+    root = mission[0]
+    solved(root, "lidar", name="mapolas")
+    workspace = Workspace.open(root, "mapolas")
+    maplet = workspace.maplet(NAME)
+    content = Workspace.open(root).read_json("registration.json")
+    (match,) = [one for one in content["per_mapola"] if one["name"] == NAME]
+    uz = maplet.grid.uz
+    covariance = np.array(match["position_covariance_m2"]).reshape(3, 3)
+    shared = float(np.sqrt(uz @ covariance @ uz))
+    assert shared > 0.0
+    assert np.nanmin(maplet.sigma) > 0.9 * shared
 
 
 def test_mapolas_and_their_returns_at_once_are_refused(mission):

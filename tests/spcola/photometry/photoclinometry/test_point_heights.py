@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
@@ -19,7 +20,7 @@ from spcola.photometry.photoclinometry.cell_surface import CellInformation
 from spcola.photometry.photoclinometry.constraints import constrained_points, gathered
 from spcola.photometry.photoclinometry.point_heights import PointEquations, PointHeights
 from spcola.photometry.photoclinometry.surface import Surface
-from spcola.photometry.photoclinometry.surface_equations import HeightEquations
+from spcola.photometry.photoclinometry.surface_equations import HeightEquations, Priors
 
 GRID = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 3)
 SLOPE_WEIGHT, TWIST_WEIGHT, POINT_WEIGHT = 4.0, 9.0, 0.3
@@ -44,8 +45,8 @@ def surface():
     return Surface(GRID, rng.normal(0.0, 0.2, GRID.shape), np.ones((GRID.size - 1,) * 2))
 
 
-def equations(points, now):
-    """Points alone, with weak priors on slopes, twists and heights about those of the surface."""
+def equations(points, now, heights=()):
+    """Heights alone, with weak priors on slopes, twists and heights about those of the surface."""
     cells = (GRID.size - 1,) * 2
     normal = np.zeros((6, *cells))
     normal[[0, 3]] = SLOPE_WEIGHT
@@ -53,8 +54,9 @@ def equations(points, now):
         normal, np.zeros((3, *cells)), np.zeros((0, *GRID.shape)), np.zeros((0, 0)), np.zeros(0)
     )
     weight = np.full(GRID.shape, POINT_WEIGHT)
+    known = Priors(np.zeros((2, *cells)), tuple(heights), PointEquations.of(points, GRID))
     return HeightEquations(
-        nothing, PointEquations.of([points], GRID), now, weight, np.zeros(GRID.shape),
+        nothing, known, now, weight, np.zeros(GRID.shape),
         np.full(cells, TWIST_WEIGHT),
     )  # fmt: skip
 
@@ -71,10 +73,14 @@ def rows_of(points):
     return rows
 
 
-def dense(points, now):
-    """Heights and their covariance by generalised least squares."""
-    design = rows_of(points)
+def of_points(points, now):
+    """Rows, residuals and covariance of points."""
     noise = np.diag(points.sigma**2) + points.covariance[np.ix_(points.group, points.group)]
+    return rows_of(points), points.places[:, 2] - now.height_at(*points.places.T[:2]), noise
+
+
+def dense(design, left, noise):
+    """Heights and their covariance by generalised least squares."""
     normal = POINT_WEIGHT * np.eye(GRID.size**2)
     size = GRID.size
     for i in range(size - 1):
@@ -85,19 +91,42 @@ def dense(points, now):
             for *sign, weight in signs:
                 normal[np.ix_(corners, corners)] += weight * np.outer(sign, sign)
     inverse = np.linalg.inv(noise)
-    left = points.places[:, 2] - now.height_at(*points.places.T[:2])
     covariance = np.linalg.inv(normal + design.T @ inverse @ design)
     return covariance @ design.T @ inverse @ left, covariance
 
 
 def test_heights_and_variances_are_those_of_least_squares_with_correlated_errors():
     points, now = points_of(40), surface()
-    rise, nuisance = equations(points, now).solve(tolerance=1e-6)
-    expected, covariance = dense(points, now)
+    rise, nuisance = equations([points], now).solve(tolerance=1e-6)
+    expected, covariance = dense(*of_points(points, now))
     assert nuisance.shape == (0,)
     np.testing.assert_allclose(rise.ravel(), expected, atol=1e-4)
-    variance = equations(points, now).posterior().heights().ravel()
+    variance = equations([points], now).posterior().heights().ravel()
     np.testing.assert_allclose(variance, np.diag(covariance), rtol=1e-6)
+
+
+def test_heights_of_the_grid_that_share_an_error_are_those_of_least_squares():
+    """Two sets, of which one is known at some points only, and one has independent errors."""
+    now, rng = surface(), np.random.default_rng(4)
+    height, sigma = rng.normal(0.0, 0.3, (3, *GRID.shape)), rng.uniform(0.02, 0.2, (3, *GRID.shape))
+    height[0, 2:5, 1:6] = np.nan
+    shared = (0.2, 0.05, 0.0)
+    constraints = tuple(
+        replace(HeightConstraint.of_sigma("mapolas", *one), shared_sigma=common)
+        for *one, common in zip(height, sigma, shared, strict=True)
+    )
+    heights, _ = gathered(constraints, GRID, GRID)
+    assert [one.shared_sigma for one in heights] == [0.0, 0.2, 0.05]
+    rows, left, noise = [], [], []
+    for known, own, common in zip(height, sigma, shared, strict=True):
+        there = np.isfinite(known).ravel()
+        rows.append(np.eye(GRID.size**2)[there])
+        left.append((known - now.height).ravel()[there])
+        noise.append(np.diag(own.ravel()[there] ** 2) + common**2)
+    expected, covariance = dense(np.concatenate(rows), np.concatenate(left), block_diag(*noise))
+    found = equations([], now, heights)
+    np.testing.assert_allclose(found.solve(tolerance=1e-8)[0].ravel(), expected, atol=1e-4)
+    np.testing.assert_allclose(found.posterior().heights().ravel(), np.diag(covariance), rtol=1e-5)
 
 
 def test_heights_of_points_on_a_curved_surface_give_that_surface():
@@ -115,7 +144,7 @@ def test_heights_of_points_on_a_curved_surface_give_that_surface():
     offsets = GRID.offsets * GRID.gsd
     now = Surface(GRID, np.zeros(GRID.shape), np.ones((GRID.size - 1,) * 2))
     for _ in range(12):
-        rise, _ = equations(points, now).solve(tolerance=1e-8)
+        rise, _ = equations([points], now).solve(tolerance=1e-8)
         now = Surface(GRID, now.height + rise, now.albedo)
     error = now.height - hill(*np.meshgrid(offsets, offsets))
     # How the surface bends beyond its edge is not known.
@@ -126,7 +155,7 @@ def test_heights_of_points_on_a_curved_surface_give_that_surface():
 def test_an_error_that_a_group_shares_does_not_average_away():
     one = points_of(4000, 1, covariance=np.array([[0.04]]))
     many = points_of(4000, 400, covariance=0.04 * np.eye(400))
-    alone, apart = (np.median(equations(p, surface()).posterior().heights()) for p in (one, many))
+    alone, apart = (np.median(equations([p], surface()).posterior().heights()) for p in (one, many))
     # The other information on the mean height are the weak weights of all points.
     least = 1.0 / (1.0 / 0.04 + POINT_WEIGHT * GRID.size**2)
     assert least <= alone < 1.05 * least + 0.05**2
@@ -172,9 +201,9 @@ def test_the_grid_knows_where_points_are_and_they_count_once():
     assert constraint.weight.max() < 1.0 / shared
     known = constraint.weight > 0.0
     assert (np.isfinite(constraint.height) == known).all()
-    height, weight, cells = gathered((constraint,), GRID, GRID)
-    assert not weight.any()
-    assert not height.any()
+    (heights,), cells = gathered((constraint,), GRID, GRID)
+    assert not heights.weight.any()
+    assert not heights.height.any()
     assert cells.weight.sum() == pytest.approx(alone.sum())
 
 
