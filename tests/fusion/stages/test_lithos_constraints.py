@@ -14,6 +14,7 @@ from affine import Affine
 from command_line import call, called, refused
 
 from fusion.registration.results import given_registration
+from fusion.scene import Scene
 from fusion.stages.lithos import lidar_kind
 from fusion.stages.lithos.constraint_findings import constraint_findings
 from fusion.stages.lithos.returns import RegisteredReturns, noise_of_pairs, supported
@@ -93,7 +94,7 @@ def test_they_lie_where_their_registration_puts_them(mission):
 def test_scans_that_the_registration_displaces_are_displaced(mission):
     workspace = Workspace.open(mission[0])
     returns, start = RegisteredReturns.of(workspace), workspace.maplet(NAME)
-    content = Workspace.open(root).read_json("registration.json")
+    content = workspace.read_json("registration.json")
     raised = 0.3 * start.grid.uz
     for entry in content["per_scan"]:
         entry["offset_m"] = (np.array(entry["offset_m"]) + raised).tolist()
@@ -152,19 +153,26 @@ def test_the_solution_of_images_and_lidar_may_use_returns(mission):
     assert content["options"]["constraints"] == ["shape", "overlaps", "coarser", "returns"]
 
 
-def test_the_error_of_the_registration_does_not_average_away(mission):
+def test_the_error_of_the_registration_does_not_average_away(mission, monkeypatch):
     """However many cells of mapolas constrain a maplet, they are displaced together."""
     root = mission[0]
-    solved(root, "lidar", name="mapolas")
-    workspace = Workspace.open(root, "mapolas")
-    maplet = workspace.maplet(NAME)
-    content = Workspace.open(root).read_json("registration.json")
-    (match,) = [one for one in content["per_mapola"] if one["name"] == NAME]
-    uz = maplet.grid.uz
-    covariance = np.array(match["position_covariance_m2"]).reshape(3, 3)
-    shared = float(np.sqrt(uz @ covariance @ uz))
-    assert shared > 0.0
-    assert np.nanmin(maplet.sigma) > 0.9 * shared
+
+    def mapolas_alone(name):
+        given = ("--only", NAME, "--start", "shape", "--constraint", "lidar", "--no-stereo")
+        called("spc", "lithos", root, *given, "--as", name)
+        return Workspace.open(root, name).maplet(NAME)
+
+    one = mapolas_alone("mapolas")
+    grid, workspace = one.grid, Workspace.open(root)
+    matches = workspace.read_json("registration.json")["per_mapola"]
+    stated = {match["name"]: match["position_covariance_m2"] for match in matches}
+    covariance = Scene.of(workspace, light="none").common_covariance(NAME, grid)
+    np.testing.assert_allclose(covariance, np.reshape(stated[NAME], (3, 3)))
+    further = 0.3**2 * np.outer(grid.uz, grid.uz)
+    monkeypatch.setattr(Scene, "common_covariance", lambda *_: covariance + further)
+    other = mapolas_alone("displaced")
+    np.testing.assert_allclose(other.sigma, np.hypot(one.sigma, 0.3), rtol=0.02)
+    np.testing.assert_allclose(other.height, one.height, atol=0.04)
 
 
 def test_mapolas_and_their_returns_at_once_are_refused(mission):
