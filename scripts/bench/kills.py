@@ -115,7 +115,8 @@ def main() -> None:
     parser.add_argument("--preset", default="tiny")
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--work", type=Path)
-    parser.add_argument("--only", nargs="*", default=["run", "images", "apply", "export"])
+    every = ["run", "images", "apply", "export"]
+    parser.add_argument("--only", nargs="*", choices=every, default=every)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         bench(options.work or Path(folder), options)

@@ -178,6 +178,9 @@ class Bench:
         """Upload all files, keep the folder, and do all steps undisturbed."""
         work = self.work
         steps, only = steps_of(work, self.options), self.options.only
+        titles = [step.title for step in steps]
+        if unknown := [title for title in only if title not in titles]:
+            raise SystemExit(f"there is no job {', '.join(unknown)}; there are {', '.join(titles)}")
         # What a chosen job finds is what the jobs before it in its workspace left.
         chosen = {step.workspace for step in steps if step.title in only}
         self.steps = [step for step in steps if not only or step.workspace in chosen]
