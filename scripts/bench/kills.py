@@ -40,7 +40,7 @@ TIMED = {
     "solution.json": ("made", "effort", "job", "checksum"),
 }
 # Nor which job removed a solution.
-INDEX = ("catalog.sqlite", ".lock", ".removed.json")
+INDEX = ("catalog.sqlite", ".lock", ".removed.json", ".maplets", ".coverage-", ".overview-")
 
 
 @dataclass(frozen=True)
