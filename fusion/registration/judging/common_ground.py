@@ -123,9 +123,8 @@ def common_relief(
     ]
     found = list(each(_significance, cases))
     chance = float(np.mean(np.concatenate([one.by_chance for one in found]))) if found else 0.0
-    z_score, apart = (
-        np.array([getattr(one, key) for one in found]) for key in ("z_score", "apart")
-    )
+    z_score = np.array([one.z_score for one in found])
+    apart = np.array([one.apart for one in found])
     return CommonRelief(z_score, apart, chance)
 
 

@@ -13,7 +13,7 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage
 from spcola.grids import Maplet, MapletGrid
 from spcola.grids.gaps import filled
-from spcola.math.robust import mad
+from spcola.math.robust import known_median, mad
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
 from spcola.photometry.photoclinometry.constraints import (
@@ -273,7 +273,7 @@ class SurfaceFit:
         equations = height_equations(reduced, surface, priors, options, most_m=most)
         rise, nuisance = equations.solve()
         albedo = changed_albedo(reduced, surface, rise, nuisance, options.convention)
-        residual = float(np.nanmedian([state.spread for state in self.states]))
+        residual = float(known_median(np.array([state.spread for state in self.states])))
         # Ground that nothing determines, and ground that a shadow enters or leaves, never settles.
         moved, brightened = float(mad(rise)), float(np.std(albedo - surface.albedo))
         self.rounds.append(Round(surface.gsd, residual, moved, brightened))

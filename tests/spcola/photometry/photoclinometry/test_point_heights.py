@@ -129,6 +129,13 @@ def test_heights_of_the_grid_that_share_an_error_are_those_of_least_squares():
     np.testing.assert_allclose(found.posterior().heights().ravel(), np.diag(covariance), rtol=1e-5)
 
 
+@pytest.mark.parametrize("shared", [-0.01, np.inf, np.nan])
+def test_a_shared_error_that_is_none_is_refused(shared):
+    heights = HeightConstraint.of_sigma("lidar", np.zeros(GRID.shape), 0.1)
+    with pytest.raises(InvalidValueError, match="lidar: has a wrong shared sigma"):
+        replace(heights, shared_sigma=shared)
+
+
 def test_heights_of_points_on_a_curved_surface_give_that_surface():
     """Between corners it lies up to 0.025 m above what is bilinear: points would lift it."""
     reach = 0.999 * GRID.half_size * GRID.gsd
