@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 from fastapi import Depends, FastAPI
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from fusion.service.api.errors import Refusal, RequestRefusedError
@@ -90,10 +89,10 @@ class Rule:
 
     async def check_job(self, request: Request, identity: str) -> str:
         """Return the workspace of a job; raises UnknownJobError if it may not be read."""
-        job = await run_in_threadpool(request.app.state.service.store.job, identity)
-        if not caller_of(request).may(Scope.READ, job.request.workspace):
+        workspace: str = await request.app.state.service.workspaces_of_jobs.find(identity)
+        if not caller_of(request).may(Scope.READ, workspace):
             raise UnknownJobError(identity)
-        return job.request.workspace
+        return workspace
 
 
 PUBLIC = Rule(Reach.PUBLIC)

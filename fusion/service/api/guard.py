@@ -216,7 +216,7 @@ class Guard:
         kind, _, secret = header.partition(" ")
         given = secret.strip() if kind.lower() == "bearer" else ""
         try:
-            token = await run_in_threadpool(self.service.token, given)
+            token = await self.service.tokens.find(given)
         except StoreError as error:
             refused = error.code is StoreFault.REFUSED_TOKEN
             if refused and (wait := self.failures.wait_s(address)):

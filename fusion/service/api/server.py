@@ -5,18 +5,23 @@ from __future__ import annotations
 import errno
 import signal
 import socket
+import sys
 from collections.abc import Callable
 
 import uvicorn
 
 from fusion.service.api.app import create_app
 from fusion.service.api.guard import Entrance
+from fusion.service.api.protocol import LimitedProtocol
 from fusion.service.api.service import Service
 from spcola.errors import SpcolaError
 
 _GRACE_S = 10
 _IDLE_S = 65
 _BACKLOG = 2048
+# A thread that draws a tile may keep the interpreter for five milliseconds by default, and every
+# other request waits for it at each of its steps.
+_SWITCH_S = 5e-4
 _ADVICE = {
     errno.EADDRINUSE: "choose another --port, or stop what uses it",
     errno.EACCES: "choose a --port from 1024 on",
@@ -98,12 +103,16 @@ def run_server(
         timeout_keep_alive=_IDLE_S,
         timeout_graceful_shutdown=_GRACE_S,
         lifespan="on",
+        http=LimitedProtocol,
         ws="none",
     )
     # uvicorn raises a signal again when it has ended: by then the work is not done.
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_S)
     former = [signal.signal(one, lambda *_: None) for one in (signal.SIGTERM, signal.SIGINT)]
     try:
         _Server(config, service, started).run([opened])
     finally:
+        sys.setswitchinterval(usual)
         signal.signal(signal.SIGTERM, former[0])
         signal.signal(signal.SIGINT, former[1])

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,15 +15,13 @@ from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.events import EventFeed
 from fusion.service.api.folder import ServedFolder
 from fusion.service.api.measures import LOW_DISK_BYTES, Crew, Measures
+from fusion.service.api.recent import RecentAnswers
 from fusion.service.api.records import Metrics
 from fusion.service.state import STATE_FOLDER, cache_folder
-from fusion.service.store import Store, Token
+from fusion.service.store import Store
 from fusion.service.views.surfaces import LayerCache
 from fusion.workspace import Workspace
 from spcola.errors import SpcolaError
-
-_REMEMBERED_S = 2.0
-_MOST_TOKENS = 1000
 
 
 @dataclass(frozen=True)
@@ -102,29 +98,11 @@ class Service(ServedFolder):
         self.streams = 0
         self._receiving: set[str] = set()
         self._lock = threading.Lock()
-        self._tokens: dict[str, tuple[float, Token]] = {}
+        self.tokens = RecentAnswers(self.store.tokens.check)
+        self.workspaces_of_jobs = RecentAnswers(self._workspace_of)
 
-    def token(self, secret: str) -> Token:
-        """Return the token of a secret; what the store says is remembered for two seconds.
-
-        Raises
-        ------
-        StoreError
-            If it is unknown, revoked or expired.
-        """
-        now = time.monotonic()
-        since, token = self._tokens.get(secret, (-math.inf, None))
-        if token is not None and now - since < _REMEMBERED_S:
-            return token
-        token = self.store.tokens.check(secret)
-        if len(self._tokens) >= _MOST_TOKENS:
-            self._tokens.clear()
-        self._tokens[secret] = (now, token)
-        return token
-
-    def forget_tokens(self) -> None:
-        """Ask the store again about every token: one was revoked."""
-        self._tokens.clear()
+    def _workspace_of(self, job: str) -> str:
+        return self.store.job(job).request.workspace
 
     @contextmanager
     def streaming(self) -> Iterator[None]:

@@ -18,7 +18,13 @@ from fusion.service.jobs import Event, JobState
 from fusion.service.state import cache_folder, logs_folder
 from fusion.service.views import ListKind, list_page, overview
 from fusion.service.views.preparation import preparations
-from fusion.service.views.surfaces import LayerCache
+from fusion.service.views.surfaces import (
+    LayerCache,
+    SurfaceKind,
+    open_surface,
+    png_of,
+    surface_names,
+)
 from fusion.service.work.logs import log, start_log
 from spcola.errors import SpcolaError
 
@@ -87,6 +93,10 @@ class Preparer:
                 workspace = self._service.workspace(name)
                 overview(workspace)
                 list_page(workspace, ListKind.SCANS, limit=1)
+                for maplet in surface_names(workspace, SurfaceKind.MAPLET)[:1]:
+                    shown = open_surface(workspace, SurfaceKind.MAPLET, maplet)
+                    shown.describe()
+                    png_of(shown.tile("height", 1, 0, 0), "height", (0.0, 1.0))
 
     def _is_large(self, name: str) -> bool:
         """Return whether views of a workspace take long to make."""

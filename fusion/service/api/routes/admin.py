@@ -75,7 +75,7 @@ def revoke_token(request: Request, token: str) -> Response:
     """Revoke a token from now on."""
     service = service_of(request)
     service.store.tokens.revoke(token)
-    service.forget_tokens()
+    service.tokens.forget()
     return Response(status_code=204)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Hashable
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -28,7 +29,7 @@ from fusion.service.views.surfaces import (
     surface_names,
     value_at,
 )
-from spcola.arrays import FloatArray
+from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import InvalidValueError
 
 routes = Routes("/api/v1/workspaces/{workspace}/surfaces", "surfaces")
@@ -64,14 +65,30 @@ class Window(Picture):
     columns: int = Field(ge=1, le=1 << 16)
 
 
-def _opened(
+@dataclass(frozen=True)
+class _Asked:
+    """Which surface is asked for."""
+
+    request: Request
+    workspace: str
+    kind: SurfaceKind
+    name: str
+    solution: str
+
+    def open(self) -> Surface:
+        """Open it; what is not there is answered with 404."""
+        with opened_for(self.request, self.workspace, self.solution) as opened:
+            return open_surface(opened, self.kind, self.name, cache=service_of(self.request).cache)
+
+
+# Asynchronous, as it only collects: what waits for files does so in the thread of the route.
+async def _asked_for(
     request: Request, workspace: str, kind: SurfaceKind, name: str, solution: Solution = ""
-) -> Surface:
-    with opened_for(request, workspace, solution) as opened:
-        return open_surface(opened, kind, name, cache=service_of(request).cache)
+) -> _Asked:
+    return _Asked(request, workspace, kind, name, solution)
 
 
-Found = Annotated[Surface, Depends(_opened)]
+Wanted = Annotated[_Asked, Depends(_asked_for)]
 
 
 @routes.add("GET", "", READ, answers.SURFACES)
@@ -93,95 +110,108 @@ def surfaces(
 
 
 @routes.add("GET", _ONE, READ, answers.Described)
-def surface(
-    request: Request,
-    found: Found,
-    workspace: str,
-    kind: SurfaceKind,
-    name: str,
-    solution: Solution = "",
-) -> Response:
+def surface(request: Request, wanted: Wanted) -> Response:
     """Return grid, layers, levels and ranges of a surface, and the others of the same place."""
-    with opened_for(request, workspace, solution) as opened:
-        others = same_place(opened, kind, name)
+    found = wanted.open()
+    with opened_for(request, wanted.workspace, wanted.solution) as opened:
+        others = same_place(opened, wanted.kind, wanted.name)
     alike = [dict(zip(("kind", "name"), each, strict=True)) for each in others]
     return json_answer(request, {**found.describe(), "same_place": alike})
 
 
 @routes.add("GET", f"{_ONE}/window", READ, answers.WINDOW)
-def window(request: Request, found: Found, asked: Annotated[Window, Query()]) -> Response:
+def window(request: Request, wanted: Wanted, asked: Annotated[Window, Query()]) -> Response:
     """Return a window of a layer at an overview level."""
     if asked.rows * asked.columns > service_of(request).limits.window_pixels:
         raise RequestRefusedError(Refusal.INVALID, "is too large", "window", "ask for parts of it")
     rows = (asked.row, asked.row + asked.rows)
     columns = (asked.column, asked.column + asked.columns)
-    return _picture(
-        request,
-        found,
-        asked,
-        lambda: found.window(asked.layer, level=asked.level, rows=rows, columns=columns),
-    )
+    found = wanted.open()
+    if (response := _unchanged(request, found)) is not None:
+        return response
+    values = found.window(asked.layer, level=asked.level, rows=rows, columns=columns)
+    return _picture(found, _content(found, asked, values), asked, values.shape)
 
 
 @routes.add("GET", f"{_ONE}/tiles/{{level}}/{{row}}/{{column}}", READ, answers.WINDOW)
 def tile(
     request: Request,
-    found: Found,
+    wanted: Wanted,
     level: int,
     row: int,
     column: int,
     asked: Annotated[Picture, Query()],
 ) -> Response:
     """Return a tile of 256 × 256 of a layer at an overview level."""
-    return _picture(request, found, asked, lambda: found.tile(asked.layer, level, row, column))
+    found = wanted.open()
+    if (response := _unchanged(request, found)) is not None:
+        return response
+
+    def drawn() -> dict[Hashable, AnyArray]:
+        content = _content(found, asked, found.tile(asked.layer, level, row, column))
+        return {0: np.frombuffer(content, dtype=np.uint8)}
+
+    # Who looks at a map asks for the same tiles as the one before: a drawn one is kept.
+    key = (found.etag, level, row, column, *asked.model_dump().values())
+    content = service_of(request).cache.find(key, 0, drawn).tobytes()
+    return _picture(found, content, asked, (found.tile_cells, found.tile_cells))
 
 
 @routes.add("GET", f"{_ONE}/value", READ, answers.Value)
-def value(request: Request, found: Found, x: Metres, y: Metres) -> Response:
+def value(request: Request, wanted: Wanted, x: Metres, y: Metres) -> Response:
     """Return all layers at a point, metres from the centre: x along Uy, y along −Ux."""
-    return json_answer(request, value_at(found, x, y))
+    return json_answer(request, value_at(wanted.open(), x, y))
 
 
 @routes.add("GET", f"{_ONE}/profile", READ, answers.Profile)
 def along(
     request: Request,
-    found: Found,
+    wanted: Wanted,
     begin: Annotated[str, Query(alias="from", max_length=80, examples=["-10,0"])],
     end: Annotated[str, Query(alias="to", max_length=80, examples=["10,0"])],
     layers: Annotated[str, Query(max_length=200, examples=["height,sigma"])] = "",
 ) -> Response:
     """Return layers along a line between two points x,y in metres, with sigma where there is."""
-    wanted = [part.strip() for part in layers.split(",") if part.strip()]
-    line = profile(found, _point(begin, "from"), _point(end, "to"), wanted)
+    named = [part.strip() for part in layers.split(",") if part.strip()]
+    line = profile(wanted.open(), _point(begin, "from"), _point(end, "to"), named)
     return json_answer(request, line.as_json())
 
 
 @routes.add("GET", f"{_ONE}/colours", READ, answers.Colours)
 def colours(
-    request: Request, found: Found, layer: Annotated[str, Query(max_length=32)] = "height"
+    request: Request, wanted: Wanted, layer: Annotated[str, Query(max_length=32)] = "height"
 ) -> Response:
     """Return the colours of a layer's pictures, for a legend: red, green and blue, 0 to 255."""
-    found.check_layer(layer)
+    wanted.open().check_layer(layer)
     return json_answer(request, {"layer": layer, "colours": colours_of(layer)})
 
 
-def _picture(
-    request: Request, surface: Surface, asked: Picture, read: Callable[[], FloatArray]
-) -> Response:
-    """Return a window as PNG or as numbers; nothing is read if the asker has it already."""
-    tag = f'"{surface.etag}"'
-    headers = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
-    if matches(request.headers.get("if-none-match", ""), tag):
-        return Response(status_code=304, headers=headers)
-    values = read()
-    headers |= {"X-Rows": str(values.shape[0]), "X-Columns": str(values.shape[1])}
+def _unchanged(request: Request, surface: Surface) -> Response | None:
+    """Return the answer to who has the picture already; None to whom it has to be sent."""
+    if matches(request.headers.get("if-none-match", ""), f'"{surface.etag}"'):
+        return Response(status_code=304, headers=_headers(surface))
+    return None
+
+
+def _headers(surface: Surface) -> dict[str, str]:
+    etag = f'"{surface.etag}"'
+    return {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
+
+
+def _content(surface: Surface, asked: Picture, values: FloatArray) -> bytes:
+    """Return values as PNG or as numbers."""
     if asked.form == "float32":
-        body = np.ascontiguousarray(values, dtype="<f4").tobytes()
-        return Response(body, media_type=_FLOATS, headers=headers)
+        return np.ascontiguousarray(values, dtype="<f4").tobytes()
     low, high = surface.range(asked.layer) or (0.0, 1.0)
     limits = (low if asked.low is None else asked.low, high if asked.high is None else asked.high)
-    body = png_of(values, asked.layer, limits, bits=16 if asked.bits == "16" else 8)
-    return Response(body, media_type="image/png", headers=headers)
+    return png_of(values, asked.layer, limits, bits=16 if asked.bits == "16" else 8)
+
+
+def _picture(surface: Surface, content: bytes, asked: Picture, shape: tuple[int, ...]) -> Response:
+    """Return the answer with a picture of some rows and columns."""
+    headers = {**_headers(surface), "X-Rows": str(shape[0]), "X-Columns": str(shape[1])}
+    media_type = _FLOATS if asked.form == "float32" else "image/png"
+    return Response(content, media_type=media_type, headers=headers)
 
 
 def _point(text: str, where: str) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from pathlib import Path
 
@@ -115,6 +115,9 @@ def _is_there(workspace: Workspace, kind: SurfaceKind, name: str) -> bool:
     if kind is SurfaceKind.MAPLET:
         # The files of the others are not looked for.
         return name in workspace.maplet_names() and workspace.maplet_path(name).is_file()
+    if kind is SurfaceKind.BIGMAP:
+        part = name.rpartition(":")[2]
+        return part in BIGMAP_FOLDERS and name in _bigmap_names(workspace, [part])
     return name in _NAMES[kind](workspace)
 
 
@@ -161,11 +164,11 @@ def _is_file(entry: os.DirEntry[str]) -> bool:
         return False
 
 
-def _bigmap_names(workspace: Workspace) -> list[str]:
+def _bigmap_names(workspace: Workspace, parts: Iterable[str] = BIGMAP_FOLDERS) -> list[str]:
     return [
         f"{path.stem}:{part}"
-        for part, folder in BIGMAP_FOLDERS.items()
-        for path in visible_files(workspace.home / folder, ".MAP")
+        for part in parts
+        for path in visible_files(workspace.home / BIGMAP_FOLDERS[part], ".MAP")
     ]
 
 

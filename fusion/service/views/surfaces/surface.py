@@ -6,7 +6,7 @@ import hashlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -58,6 +58,8 @@ class Surface:
     name: str
     source: Source
     cache: LayerCache
+    tile_cells: ClassVar[int] = TILE
+    """Cells along a side of a tile."""
 
     @property
     def grid(self) -> MapletGrid:

@@ -93,6 +93,26 @@ def test_what_arrives_before_a_connection_breaks_is_kept(
         assert client.patch(place, content=PART[100:], headers=headers).status_code == 204
 
 
+@pytest.mark.parametrize(
+    "begin",
+    [
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Endless: ",
+        b"GET /",
+        b"POST /api/v1/workspaces/ball/jobs HTTP/1.1\r\nHost: localhost\r\n"
+        b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\nX-Endless: ",
+    ],
+    ids=["header", "address", "after the body"],
+)
+def test_who_sends_headers_without_end_fills_no_memory(served: ServerProcess, begin: bytes) -> None:
+    url = httpx.URL(served.url)
+    with socket.create_connection((url.host, url.port)) as connection:
+        connection.sendall(begin)
+        with pytest.raises(OSError, match=r"reset|Broken pipe"):
+            connection.sendall(bytes(100_000_000).replace(b"\0", b"a"))
+    with served.client() as client:
+        assert client.get("/health").status_code == 200
+
+
 def test_tokens_and_backups_while_it_runs_and_an_orderly_end(
     served: ServerProcess, folder: Path, tmp_path: Path
 ) -> None:
