@@ -40,6 +40,9 @@ class Constraints:
         Heights of the cells of coarser mapolas, over the points without a height of their own.
     coarse : (2q+1, 2q+1) ndarray, optional
         Heights of those mapolas there, interpolated; NaN elsewhere.
+    blur : (2q+1, 2q+1) ndarray, optional
+        Variance along each axis of what each height is a mean over, m²; without it heights are
+        those of the points.
     """
 
     height: FloatArray
@@ -47,6 +50,7 @@ class Constraints:
     count: AnyArray
     means: MeanConstraints | None = None
     coarse: FloatArray | None = None
+    blur: FloatArray | None = None
 
     @property
     def known(self) -> BoolArray:
@@ -93,7 +97,9 @@ class RegisteredMapola:
     load: Callable[[], Mapola]
 
 
-def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) -> Constraints:
+def lidar_constraints(
+    grid: MapletGrid, candidates: Iterable[RegisteredMapola], *, as_means: bool = False
+) -> Constraints:
     """Project registered mapolas onto `grid`, one height for each point.
 
     Overlapping mapolas contain the same returns, so averaging them would count returns twice. Each
@@ -106,6 +112,9 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) 
         In SPC coordinates.
     candidates : iterable of RegisteredMapola
         Best first. Those that cover no point still without a height are not read.
+    as_means : bool
+        Whether heights stay means over cells, and interpolated between them, with their blur.
+        Otherwise they are corrected for the bending that noise does not explain.
 
     Returns
     -------
@@ -113,6 +122,7 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) 
         Metres along the grid's Uz; sigmas are converted from the mapola's Uz [24–27].
     """
     height, sigma, coarse = (np.full(grid.shape, np.nan) for _ in range(3))
+    blur = np.zeros(grid.shape)
     count = np.zeros(grid.shape, dtype=np.int32)
     areas = _Areas(grid)
     for candidate in candidates:
@@ -124,15 +134,17 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) 
             new = areas.add(mapola, unknown)
             coarse[new], count[new] = areas.height[new], areas.count[new]
             continue
-        mapola = at_grid_points(mapola)
+        at_points = at_grid_points(mapola)
+        # The sigma of a mean has no part of the bending either.
+        mapola = replace(mapola, sigma=at_points.sigma) if as_means else at_points
         projected = mapola if candidate.grid is grid else project_maplet(mapola, grid)
         new = projected.valid & np.isfinite(projected.sigma) & unknown
         height[new], sigma[new] = projected.height[new], projected.sigma[new]
+        blur[new] = _blur(mapola.grid, grid, projected.height)[new]
         row, column, _ = _nearest_cell(mapola.grid, grid, projected.height)
         count[new] = np.maximum(np.asarray(mapola.count)[row, column][new], 1)
-    if not areas.some:
-        return Constraints(height, sigma, count)
-    return Constraints(height, sigma, count, areas.means(), coarse)
+    found = Constraints(height, sigma, count, blur=blur if as_means else None)
+    return replace(found, means=areas.means(), coarse=coarse) if areas.some else found
 
 
 def gives_means(surface: MapletGrid, grid: MapletGrid) -> bool:
@@ -206,6 +218,18 @@ def _reaches(other: MapletGrid, grid: MapletGrid, unknown: BoolArray) -> bool:
     tilt = float(np.linalg.norm(np.cross(grid.uz, other.uz)))
     limit = other.half_size + 0.5 * grid.half_size * grid.gsd / other.gsd * tilt
     return bool(((np.abs(x) <= limit) & (np.abs(y) <= limit)).any())
+
+
+def _blur(other: MapletGrid, grid: MapletGrid, height: FloatArray) -> FloatArray:
+    """Variance (R, C), m², along each axis of what an interpolated height of `other` is a mean of.
+
+    Of its cells, and of their weights: those at distances f and 1 − f have f (1 − f). The mean of
+    both axes.
+    """
+    x, y, _ = other.project(grid.points(np.nan_to_num(height)))
+    places = np.stack([x, y])
+    between = (places - np.floor(places)) * (np.ceil(places) - places)
+    return np.asarray(other.gsd**2 * (1.0 / 12.0 + between.mean(axis=0)))
 
 
 def _nearest_cell(

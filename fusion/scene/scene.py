@@ -210,9 +210,12 @@ class Scene:
             center_sigma=np.zeros(3),
         )
 
-    def lidar(self, name: str, grid: MapletGrid) -> Constraints:
-        """Return the heights of registered mapolas on a grid, that of the place `name` first."""
-        return lidar_constraints(grid, self._candidates(self.near(name, grid)))
+    def lidar(self, name: str, grid: MapletGrid, *, as_means: bool = False) -> Constraints:
+        """Return the heights of registered mapolas on a grid, that of the place `name` first.
+
+        They are those at the points, or `as_means` with their blur.
+        """
+        return lidar_constraints(grid, self._candidates(self.near(name, grid)), as_means=as_means)
 
     def common_covariance(self, name: str, grid: MapletGrid) -> FloatArray:
         """Return the covariance (3, 3), m², of the error that all lidar heights on a grid share.

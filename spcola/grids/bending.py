@@ -14,6 +14,7 @@ __all__ = [
     "bending",
     "bending_around",
     "bending_range",
+    "blurred",
 ]
 
 CELL_SHARE = 1.0 / 24.0
@@ -64,6 +65,24 @@ def bending_range(height: FloatArray) -> FloatArray:
     most = maximum_filter(np.where(known, bend, -np.inf), size=3)
     least = minimum_filter(np.where(known, bend, np.inf), size=3)
     return np.maximum(most - least, 0.0)
+
+
+def blurred(height: FloatArray, variance: FloatArray | None) -> FloatArray:
+    """Return means of a surface about its points, metres: of a quadratic one about each.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres, all known, at least 3 × 3; at the border it bends as next to it.
+    variance : (R, C) ndarray, optional
+        Along each axis, of what the mean is over, squared grid steps: 1/12 of a cell. Without it
+        the heights themselves are returned.
+    """
+    if variance is None:
+        return height
+    bend = np.pad(bending(height)[1:-1, 1:-1], 1, mode="edge")
+    means: FloatArray = height + 0.5 * variance * bend
+    return means
 
 
 def bending_around(height: FloatArray) -> FloatArray:

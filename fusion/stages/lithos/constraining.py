@@ -154,11 +154,11 @@ class ConstrainingHeights:
 
 
 def _of_mapolas(scene: Scene, name: str, grid: MapletGrid) -> HeightConstraint:
-    """Return the heights of registered mapolas on the grid of a maplet."""
-    lidar, common = scene.lidar(name, grid), scene.common_covariance(name, grid)
+    """Return the heights of registered mapolas on the grid of a maplet: means over cells."""
+    lidar, common = scene.lidar(name, grid, as_means=True), scene.common_covariance(name, grid)
     shared_sigma = float(np.sqrt(grid.uz @ common @ grid.uz))
     heights = HeightConstraint.of_sigma("lidar", lidar.height, lidar.sigma)
-    return replace(heights, shared_sigma=shared_sigma)
+    return replace(heights, shared_sigma=shared_sigma, blur=lidar.blur)
 
 
 def no_shape(workspace: Workspace) -> WorkspaceError:

@@ -11,6 +11,8 @@ from scipy import ndimage
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet, MapletGrid
+from spcola.grids.bending import blurred
+from spcola.grids.gaps import filled
 from spcola.math.robust import MAD_TO_SIGMA, mad
 from spcola.photometry.photoclinometry.point_heights import PointEquations, PointHeights
 
@@ -66,11 +68,14 @@ class HeightConstraint:
         Number of heights that were left out as false, before.
     shared_sigma : float
         Standard deviation of an error that all heights of the grid share, metres.
+    blur : (R, C) ndarray, optional
+        Variance along each axis of what each height is a mean over, m²: a²/12 of a square of side
+        a. Without it they are heights at the points.
 
     Raises
     ------
     InvalidValueError
-        If shapes differ, or a weight or the shared sigma is negative or not finite.
+        If shapes differ, or a weight, the shared sigma or a blur is negative or not finite.
     """
 
     name: str
@@ -80,6 +85,7 @@ class HeightConstraint:
     common: float = 1.0
     left_out: int = 0
     shared_sigma: float = 0.0
+    blur: FloatArray | None = None
 
     def __post_init__(self) -> None:
         height = frozen(self.height, (None, None), f"heights of {self.name}")
@@ -89,6 +95,11 @@ class HeightConstraint:
             raise InvalidValueError("contains an infinite height or a wrong weight", self.name)
         if not 0.0 <= self.shared_sigma < np.inf:
             raise InvalidValueError("has a wrong shared sigma", self.name)
+        if self.blur is not None:
+            blur = frozen(self.blur, height.shape, f"blur of {self.name}")
+            if not ((blur >= 0.0) & (blur < np.inf)).all():
+                raise InvalidValueError("has a wrong blur", self.name)
+            object.__setattr__(self, "blur", blur)
         object.__setattr__(self, "height", height)
         object.__setattr__(self, "weight", weight)
 
@@ -181,7 +192,9 @@ class HeightConstraint:
         maplet : Maplet
         """
         if self.points is None:
-            apart = (self.height - maplet.height)[self.weight > 0.0]
+            blur = None if self.blur is None else self.blur / maplet.grid.gsd**2
+            seen = np.where(maplet.valid, blurred(filled(maplet.height), blur), np.nan)
+            apart = (self.height - seen)[self.weight > 0.0]
             own = 1.0 / (self.weight * self.common)[self.weight > 0.0]
             sigma = np.sqrt(own + self.shared_sigma**2)
         else:
@@ -226,11 +239,14 @@ class GridHeights:
         Metres, 0 without any, and 1/m².
     shared_sigma : float
         Standard deviation of an error that all of them share, metres.
+    blur : (R, C) ndarray, optional
+        As of :class:`HeightConstraint`, squared grid steps.
     """
 
     height: FloatArray
     weight: FloatArray
     shared_sigma: float = 0.0
+    blur: FloatArray | None = None
 
     @classmethod
     def of(
@@ -242,14 +258,22 @@ class GridHeights:
         """
         index = np.rint(grid.offsets * grid.gsd / level.gsd).astype(np.int64) + level.half_size
         place = (index[:, None] * level.size + index[None, :]).ravel()
-        weight, pull = np.zeros((2, level.size**2))
+        weight, pull, spread = np.zeros((3, level.size**2))
         for one in constraints:
             known = one.weight.ravel()
             weight += np.bincount(place, known, level.size**2)
             pull += np.bincount(place, known * np.nan_to_num(one.height).ravel(), level.size**2)
-        mean = np.divide(pull, weight, out=np.zeros_like(pull), where=weight > 0)
+            if one.blur is not None:
+                spread += np.bincount(place, known * one.blur.ravel(), level.size**2)
+        share = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0)
+        mean, blur = ((share * total).reshape(level.shape) for total in (pull, spread))
         shared = max((one.shared_sigma for one in constraints), default=0.0)
-        return cls(mean.reshape(level.shape), weight.reshape(level.shape), shared)
+        steps = blur / level.gsd**2 if blur.any() else None
+        return cls(mean, weight.reshape(level.shape), shared, steps)
+
+    def above(self, height: FloatArray) -> FloatArray:
+        """Return how far the heights lie above a surface (R, C), metres."""
+        return self.height - blurred(height, self.blur)
 
 
 def gathered(

@@ -212,7 +212,7 @@ class HeightEquations(CellSurface):
         known[0] += weight
         coupled, information, pulls = [points.coupled], [points.shared], [pulled]
         for one in priors.heights:
-            pull = one.weight * (one.height - surface.height)
+            pull = one.weight * one.above(surface.height)
             known[0] += one.weight
             right = right + pull
             if one.shared_sigma:

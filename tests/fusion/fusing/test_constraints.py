@@ -48,6 +48,30 @@ def test_constraints_take_one_mapola_for_each_point():
     assert np.isnan(lidar_constraints(far, [candidate(low)]).height).all()
 
 
+@pytest.mark.parametrize("away", [0.0, 0.25, 0.5])
+def test_means_of_cells_are_blurred_by_these_and_by_interpolation(away):
+    """A dome whose mapola lies some cells off: means over a cell, straight lines between them."""
+    dome = 0.04
+    center = GRID.center + away * GRID.gsd * (GRID.axes[0] + GRID.axes[1])
+    other = MapletGrid(center, GRID.axes, GRID.gsd, GRID.half_size)
+    x, y = GRID.gsd * np.array(np.meshgrid(GRID.offsets, GRID.offsets))
+    means = -dome * ((x + away * GRID.gsd) ** 2 + (y + away * GRID.gsd) ** 2)
+    means -= 2.0 * dome * GRID.gsd**2 / 12.0
+    # More noise than bending: heights at points stay means, and are too low.
+    layers = {"sigma": np.full(GRID.shape, 0.02), "count": np.full(GRID.shape, 5)}
+    mapola = Mapola("A", other, means, **layers)
+    found = lidar_constraints(GRID, [candidate(mapola)], as_means=True)
+    known = np.isfinite(found.height)
+    assert known.mean() > 0.9
+    variance = GRID.gsd**2 * (1.0 / 12.0 + away * (1.0 - away))
+    np.testing.assert_allclose(found.blur[known], variance, rtol=1e-6)
+    true = -dome * (x**2 + y**2)
+    np.testing.assert_allclose(
+        found.height[known], (true - 0.5 * variance * 4.0 * dome)[known], atol=1e-9
+    )
+    assert lidar_constraints(GRID, [candidate(mapola)]).blur is None
+
+
 def test_a_mapola_that_is_not_needed_is_not_read():
     full = Mapola(
         "A",

@@ -129,6 +129,35 @@ def test_heights_of_the_grid_that_share_an_error_are_those_of_least_squares():
     np.testing.assert_allclose(found.posterior().heights().ravel(), np.diag(covariance), rtol=1e-5)
 
 
+def test_means_over_cells_give_the_heights_at_the_points():
+    """The mean of a dome over a square of side a lies a²/24 of its Laplacian below its middle."""
+    x, y = GRID.gsd * np.array(np.meshgrid(GRID.offsets, GRID.offsets))
+    true = -0.3 * x**2 - 0.2 * y**2 + 0.1 * x * y
+    square = GRID.gsd**2 * np.where(x > 0, 2.0, 1.0)
+    means = true - (0.3 + 0.2) * square / 12.0
+    given = HeightConstraint.of_sigma("mapolas", means, 1e-4)
+    fits = []
+    for constraint in (given, replace(given, blur=square / 12.0)):
+        heights, _ = gathered((constraint,), GRID, GRID)
+        now = Surface(GRID, np.zeros(GRID.shape), np.ones((GRID.size - 1,) * 2))
+        for _ in range(12):
+            rise, _ = equations([], now, heights).solve(tolerance=1e-9)
+            now = Surface(GRID, now.height + rise, now.albedo)
+        found = Maplet("AA0001", GRID, now.height)
+        fits.append((np.abs(now.height - true).max(), constraint.fit(found).residual_m))
+    (unaware, _), (error, residual) = fits
+    assert unaware > 0.01
+    assert error < 1e-4
+    assert residual < 1e-5
+
+
+@pytest.mark.parametrize("blur", [-0.01, np.inf, np.nan])
+def test_a_blur_that_is_none_is_refused(blur):
+    heights = HeightConstraint.of_sigma("lidar", np.zeros(GRID.shape), 0.1)
+    with pytest.raises(InvalidValueError, match="lidar: has a wrong blur"):
+        replace(heights, blur=np.full(GRID.shape, blur))
+
+
 @pytest.mark.parametrize("shared", [-0.01, np.inf, np.nan])
 def test_a_shared_error_that_is_none_is_refused(shared):
     heights = HeightConstraint.of_sigma("lidar", np.zeros(GRID.shape), 0.1)
