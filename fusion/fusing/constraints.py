@@ -14,6 +14,7 @@ import numpy as np
 from lidar.gridding import Mapola, at_grid_points
 from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from spcola.grids import MapletGrid, overlaps, project_maplet
+from spcola.grids.bending import CELL_SHARE
 from spcola.heights import MeanConstraints
 
 # A mapola whose GSD is larger than the grid's by this factor gives means, not points.
@@ -140,7 +141,8 @@ def lidar_constraints(
         projected = mapola if candidate.grid is grid else project_maplet(mapola, grid)
         new = projected.valid & np.isfinite(projected.sigma) & unknown
         height[new], sigma[new] = projected.height[new], projected.sigma[new]
-        blur[new] = _blur(mapola.grid, grid, projected.height)[new]
+        if as_means:
+            blur[new] = _blur(mapola.grid, grid, projected.height)[new]
         row, column, _ = _nearest_cell(mapola.grid, grid, projected.height)
         count[new] = np.maximum(np.asarray(mapola.count)[row, column][new], 1)
     found = Constraints(height, sigma, count, blur=blur if as_means else None)
@@ -229,7 +231,7 @@ def _blur(other: MapletGrid, grid: MapletGrid, height: FloatArray) -> FloatArray
     x, y, _ = other.project(grid.points(np.nan_to_num(height)))
     places = np.stack([x, y])
     between = (places - np.floor(places)) * (np.ceil(places) - places)
-    return np.asarray(other.gsd**2 * (1.0 / 12.0 + between.mean(axis=0)))
+    return np.asarray(other.gsd**2 * (2.0 * CELL_SHARE + between.mean(axis=0)))
 
 
 def _nearest_cell(

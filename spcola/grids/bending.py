@@ -67,6 +67,11 @@ def bending_range(height: FloatArray) -> FloatArray:
     return np.maximum(most - least, 0.0)
 
 
+# Largest variance of a blur, squared grid steps. With more of it heights that alternate from point
+# to point would change their signs, and rounds that look for the surface would diverge.
+_MOST_BLUR = 1.0 / 3.0
+
+
 def blurred(height: FloatArray, variance: FloatArray | None) -> FloatArray:
     """Return means of a surface about its points, metres: of a quadratic one about each.
 
@@ -75,13 +80,13 @@ def blurred(height: FloatArray, variance: FloatArray | None) -> FloatArray:
     height : (R, C) ndarray
         Metres, all known, at least 3 × 3; at the border it bends as next to it.
     variance : (R, C) ndarray, optional
-        Along each axis, of what the mean is over, squared grid steps: 1/12 of a cell. Without it
-        the heights themselves are returned.
+        Along each axis, of what the mean is over, squared grid steps: 1/12 of a cell; more than 1/3
+        counts as 1/3. Without it the heights themselves are returned.
     """
     if variance is None:
         return height
     bend = np.pad(bending(height)[1:-1, 1:-1], 1, mode="edge")
-    means: FloatArray = height + 0.5 * variance * bend
+    means: FloatArray = height + 0.5 * np.minimum(variance, _MOST_BLUR) * bend
     return means
 
 

@@ -66,13 +66,19 @@ def tagged(
     return Response(body, media_type=media_type, headers=shared)
 
 
-def by_tag(request: Request, etag: str, media_type: str, read: Callable[[], bytes]) -> Response:
+def by_tag(
+    request: Request,
+    etag: str,
+    media_type: str,
+    read: Callable[[], bytes],
+    headers: Mapping[str, str] | None = None,
+) -> Response:
     """Return bytes that an ETag stands for; they are not read if the asker has them already."""
     tag = f'"{etag}"'
-    headers = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
+    shared = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
     if matches(request.headers.get("if-none-match", ""), tag):
-        return Response(status_code=304, headers=headers)
-    return Response(read(), media_type=media_type, headers=headers)
+        return Response(status_code=304, headers=shared)
+    return Response(read(), media_type=media_type, headers={**shared, **(headers or {})})
 
 
 def _takes_gzip(request: Request) -> bool:

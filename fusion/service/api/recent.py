@@ -34,16 +34,16 @@ class RecentAnswers(Generic[Answer]):
 
     async def find(self, about: str) -> Answer:
         """Return the answer about a text; raises what asking the store raises."""
-        now = time.monotonic()
-        since, *answer = self._known.get(about, (-math.inf,))
+        now, known = time.monotonic(), self._known
+        since, *answer = known.get(about, (-math.inf,))
         if answer and now - since < _REMEMBERED_S:
             return answer[0]
         found = await run_in_threadpool(self._ask, about)
-        if len(self._known) >= _MOST:
-            self._known.clear()
-        self._known[about] = (now, found)
+        if len(known) >= _MOST:
+            known.clear()
+        known[about] = (now, found)
         return found
 
     def forget(self) -> None:
-        """Ask the store again about everything."""
-        self._known.clear()
+        """Ask the store again about everything, also about what it is being asked now."""
+        self._known = {}

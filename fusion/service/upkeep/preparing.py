@@ -91,7 +91,7 @@ class Preparer:
     def _warm_up(self) -> None:
         """Read some views in this process: modules are loaded before anybody waits for them.
 
-        What draws comes when those who waited for the start have their first views.
+        Modules for drawing are loaded two seconds later: those who waited for the start come first.
         """
         for name in sorted(self._waiting)[:1]:
             with suppress(SpcolaError, OSError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from fusion.service.api.access import READ, Routes
-from fusion.service.api.answers import json_answer, matches
+from fusion.service.api.answers import by_tag, json_answer
 from fusion.service.api.errors import Refusal, RequestRefusedError
 from fusion.service.api.pages import After, page_of
 from fusion.service.api.schemas import surfaces as answers
@@ -127,10 +127,12 @@ def window(request: Request, wanted: Wanted, asked: Annotated[Window, Query()]) 
     rows = (asked.row, asked.row + asked.rows)
     columns = (asked.column, asked.column + asked.columns)
     found = wanted.open()
-    if (response := _unchanged(request, found)) is not None:
-        return response
-    values = found.window(asked.layer, level=asked.level, rows=rows, columns=columns)
-    return _picture(found, _content(found, asked, values), asked, values.shape)
+
+    def read() -> bytes:
+        values = found.window(asked.layer, level=asked.level, rows=rows, columns=columns)
+        return _content(found, asked, values)
+
+    return _picture(request, found, asked, (asked.rows, asked.columns), read)
 
 
 @routes.add("GET", f"{_ONE}/tiles/{{level}}/{{row}}/{{column}}", READ, answers.WINDOW)
@@ -144,17 +146,17 @@ def tile(
 ) -> Response:
     """Return a tile of 256 × 256 of a layer at an overview level."""
     found = wanted.open()
-    if (response := _unchanged(request, found)) is not None:
-        return response
 
     def drawn() -> dict[Hashable, AnyArray]:
         content = _content(found, asked, found.tile(asked.layer, level, row, column))
         return {0: np.frombuffer(content, dtype=np.uint8)}
 
-    # Who looks at a map asks for the same tiles as the one before: a drawn one is kept.
-    key = (found.etag, level, row, column, *asked.model_dump().values())
-    content = service_of(request).cache.find(key, 0, drawn).tobytes()
-    return _picture(found, content, asked, (found.tile_cells, found.tile_cells))
+    def read() -> bytes:
+        # Who looks at a map asks for the same tiles as the one before: a drawn one is kept.
+        key = (found.etag, level, row, column, *asked.model_dump().values())
+        return service_of(request).cache.find(key, 0, drawn).tobytes()
+
+    return _picture(request, found, asked, (found.tile_cells, found.tile_cells), read)
 
 
 @routes.add("GET", f"{_ONE}/value", READ, answers.Value)
@@ -186,18 +188,6 @@ def colours(
     return json_answer(request, {"layer": layer, "colours": colours_of(layer)})
 
 
-def _unchanged(request: Request, surface: Surface) -> Response | None:
-    """Return the answer to who has the picture already; None to whom it has to be sent."""
-    if matches(request.headers.get("if-none-match", ""), f'"{surface.etag}"'):
-        return Response(status_code=304, headers=_headers(surface))
-    return None
-
-
-def _headers(surface: Surface) -> dict[str, str]:
-    etag = f'"{surface.etag}"'
-    return {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
-
-
 def _content(surface: Surface, asked: Picture, values: FloatArray) -> bytes:
     """Return values as PNG or as numbers."""
     if asked.form == "float32":
@@ -207,11 +197,17 @@ def _content(surface: Surface, asked: Picture, values: FloatArray) -> bytes:
     return png_of(values, asked.layer, limits, bits=16 if asked.bits == "16" else 8)
 
 
-def _picture(surface: Surface, content: bytes, asked: Picture, shape: tuple[int, ...]) -> Response:
-    """Return the answer with a picture of some rows and columns."""
-    headers = {**_headers(surface), "X-Rows": str(shape[0]), "X-Columns": str(shape[1])}
+def _picture(
+    request: Request,
+    surface: Surface,
+    asked: Picture,
+    shape: tuple[int, int],
+    read: Callable[[], bytes],
+) -> Response:
+    """Return a picture of some rows and columns; nothing is read if the asker has it already."""
+    headers = {"X-Rows": str(shape[0]), "X-Columns": str(shape[1])}
     media_type = _FLOATS if asked.form == "float32" else "image/png"
-    return Response(content, media_type=media_type, headers=headers)
+    return by_tag(request, surface.etag, media_type, read, headers)
 
 
 def _point(text: str, where: str) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,9 @@ from fusion.service.api.errors import RequestRefusedError
 from fusion.service.api.events import stream
 from fusion.service.api.files import byte_range
 from fusion.service.api.rate import RateLimit
+from fusion.service.api.recent import RecentAnswers
 from fusion.service.jobs import JobKind, JobRequest, JobState
+from spcola.formats.maplets import read_maplet, write_maplet
 
 JOBS = "/api/v1/workspaces/ball/jobs"
 MAPLET = "/api/v1/workspaces/ball/surfaces/maplet/AA0001"
@@ -130,6 +133,42 @@ def test_surfaces_as_numbers_pictures_and_values(client: AsgiClient) -> None:
     assert {each["name"]: each["of"] for each in layers} == dict.fromkeys(
         ("albedo", "sigma"), "maplet"
     )
+
+
+def test_a_tile_that_was_kept_is_drawn_again_when_its_file_has_changed(
+    service: Service, client: AsgiClient
+) -> None:
+    tile = f"{MAPLET}/tiles/1/0/0?format=float32"
+    first, again = client.get(tile), client.get(tile)
+    assert again.content == first.content
+    path = service.root / "ball/MAPFILES/AA0001.MAP"
+    higher = read_maplet(path)
+    write_maplet(path, replace(higher, height=higher.height + 1.0))
+    after = client.get(tile, headers={"If-None-Match": first.headers["etag"]})
+    assert after.status_code == 200
+    rise = np.frombuffer(after.content, "<f4") - np.frombuffer(first.content, "<f4")
+    assert np.nanmean(rise) == pytest.approx(1.0, abs=1e-3)
+    assert client.get(f"{tile}&low=0").content == after.content
+    pictures = {client.get(f"{MAPLET}/tiles/1/0/0?low=0&high={high}").content for high in (2, 4)}
+    assert len(pictures) == 2
+
+
+def test_an_answer_that_was_asked_for_before_it_was_forgotten_is_not_remembered() -> None:
+    """A token is revoked while the store is being asked about it."""
+    asked: list[str] = []
+
+    def ask(about: str) -> int:
+        asked.append(about)
+        if len(asked) == 1:
+            answers.forget()
+        return len(asked)
+
+    answers = RecentAnswers(ask)
+
+    async def find() -> list[int]:
+        return [await answers.find("token") for _ in range(3)]
+
+    assert asyncio.run(find()) == [1, 2, 2]
 
 
 def test_tables_have_the_form_that_is_accepted(client: AsgiClient) -> None:

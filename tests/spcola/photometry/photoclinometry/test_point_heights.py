@@ -151,6 +151,21 @@ def test_means_over_cells_give_the_heights_at_the_points():
     assert residual < 1e-5
 
 
+@pytest.mark.parametrize("variance", [1.0 / 3.0, 0.75])
+def test_rounds_converge_for_means_of_mapolas_coarser_than_the_grid(variance):
+    """A mapola of 1.5 times the GSD has up to 0.75 squared steps; its noise is no parabola."""
+    noise = np.random.default_rng(1).normal(0.0, 0.1, GRID.shape)
+    heights = HeightConstraint.of_sigma("mapolas", noise, 1e-3)
+    blur = np.full(GRID.shape, variance * GRID.gsd**2)
+    gridded, _ = gathered((replace(heights, blur=blur),), GRID, GRID)
+    now = Surface(GRID, np.zeros(GRID.shape), np.ones((GRID.size - 1,) * 2))
+    for _ in range(12):
+        rise, _ = equations([], now, gridded).solve(tolerance=1e-9)
+        now = Surface(GRID, now.height + rise, now.albedo)
+    assert np.abs(rise).max() < 1e-3
+    assert np.abs(now.height).max() < 3.0 * np.abs(noise).max()
+
+
 @pytest.mark.parametrize("blur", [-0.01, np.inf, np.nan])
 def test_a_blur_that_is_none_is_refused(blur):
     heights = HeightConstraint.of_sigma("lidar", np.zeros(GRID.shape), 0.1)
