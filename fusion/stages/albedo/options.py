@@ -74,8 +74,7 @@ class AlbedoWork:
         centers : {"images", "registration"}
         letters : str
         albedo_sigma : float
-            Expected scatter of the relative albedo. That of [lithos] is smaller: there brightness
-            has to leave room for slopes.
+            Expected scatter of the relative albedo.
         slope_error : float
             Standard deviation of the slopes of the ground.
 

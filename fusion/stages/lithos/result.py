@@ -59,7 +59,7 @@ PHOTOCLINOMETRY_KEYS = {
 _DOUBTFUL_LIGHT = 0.97
 # Shifts of images, in sigmas of their states, from which on they, or constraining heights, are
 # displaced.
-_DISPLACED = 2.0
+_DISPLACED = 1.75
 # Names in a printed line, and how many of the worst.
 _NAMED, _WORST = 5, 3
 _MAPLET_CODES = (

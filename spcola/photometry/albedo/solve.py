@@ -18,6 +18,7 @@ from spcola.photometry.albedo.windows import FixedGround, Window
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.albedo_equations import eliminate_albedo, with_priors
+from spcola.photometry.photoclinometry.albedo_prior import AlbedoPrior
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
 from spcola.photometry.photoclinometry.image_equations import (
     ImageState,
@@ -52,8 +53,7 @@ class AlbedoOptions:
     ----------
     photoclinometry : PhotoclinometryOptions
         Of these count: `function`, `psf_px`, `rounds`, `albedo_sigma`, `convention`,
-        `gradient_sigma`, `shift_sigma_px`, `least_error`, `loss_scale`, `settled_albedo`. With
-        slopes fixed, the expected scatter of the albedo may be that of the ground.
+        `gradient_sigma`, `shift_sigma_px`, `least_error`, `loss_scale`, `settled_albedo`.
     slope_error : float
         Standard deviation of each slope of a cell: what it does to brightness is in the sigma.
 
@@ -64,7 +64,7 @@ class AlbedoOptions:
     """
 
     photoclinometry: PhotoclinometryOptions = field(
-        default_factory=lambda: PhotoclinometryOptions(albedo_sigma=0.2, rounds=12)
+        default_factory=lambda: PhotoclinometryOptions(rounds=12)
     )
     slope_error: float = 0.08
 
@@ -224,6 +224,11 @@ class _Work:
         self.albedo = albedo
         return float(np.sqrt(np.mean(change**2)))
 
+    @property
+    def prior(self) -> AlbedoPrior:
+        """What is expected of the albedo: cells are independent, as nothing trades with slopes."""
+        return AlbedoPrior(self.options.photoclinometry.albedo_sigma)
+
     def _add_common(self, normal: FloatArray, right: FloatArray, before: FloatArray) -> None:
         """Let the change of λ over the grid that is common to all images be albedo.
 
@@ -244,16 +249,16 @@ class _Work:
 
         The spreads of the images in each window are added to `spreads`.
         """
-        prior, size = self.options.photoclinometry.albedo_sigma, NUISANCES * len(self.states)
+        prior, size = self.prior, NUISANCES * len(self.states)
         normal, right = np.zeros((size, size)), np.zeros(size)
         albedo, noise = self.albedo.copy(), list[FloatArray]()
         for window in self.windows:
             sums, rows = self._sums(window, spreads)
-            equations = eliminate_albedo(sums, self.albedo[window.cells], prior)
+            equations = eliminate_albedo(sums, prior.about(self.albedo[window.cells]))
             equations = equations.with_parameters(window.to_whole)
             albedo[window.inner] += equations.step[window.own]
             weight = equations.weight[window.own]
-            self.informed[window.inner] = informed = weight > 2.0 * prior**-2
+            self.informed[window.inner] = informed = weight > 2.0 * prior.sigma**-2
             noise.append(weight[informed] ** -0.5)
             normal[np.ix_(rows, rows)] += equations.nuisance
             right[rows] += equations.nuisance_right
@@ -327,8 +332,7 @@ class _Work:
         By noise, by the images' parameters, and by slopes that are not what they are taken for.
         """
         sums, rows = self._sums(window)
-        sigma = self.options.photoclinometry.albedo_sigma
-        equations = eliminate_albedo(sums, self.albedo[window.cells], sigma)
+        equations = eliminate_albedo(sums, self.prior.about(self.albedo[window.cells]))
         equations = equations.with_parameters(window.to_whole)
         common = covariance[np.ix_(rows, rows)]
         by = equations.by_nuisance.reshape(len(rows), -1)

@@ -8,8 +8,13 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray
 from spcola.compilation import compiled
+from spcola.photometry.photoclinometry.albedo_prior import ExpectedAlbedo
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES, UNKNOWNS, cell_offset
 from spcola.photometry.photoclinometry.image_equations import Sums
+
+# Where products of the albedo with itself and with both slopes, and those of the slopes, lie in the
+# upper triangle of a cell.
+_ALBEDO, _WITH_SLOPES, _SLOPES = 9, (3, 6), (0, 1, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ class AlbedoEquations:
 
 
 def eliminate_albedo(
-    sums: Sums, albedo: FloatArray, sigma: float, *, parameters: int = NUISANCES
+    sums: Sums, expected: ExpectedAlbedo, *, parameters: int = NUISANCES
 ) -> AlbedoEquations:
     """Return the equations of albedo and nuisance parameters, slopes and heights as they are.
 
@@ -69,17 +74,16 @@ def eliminate_albedo(
     ----------
     sums : Sums
         Over K images.
-    albedo : (R − 1, C − 1) ndarray
-    sigma : float
-        Prior standard deviation of the albedo about 1.
+    expected : ExpectedAlbedo
+        Prior of the albedo.
     parameters : int
         Nuisance parameters of each image: 5, or 6 with that of its contrast.
     """
     count = len(sums.nuisance)
-    weight = sums.normal[9] + sigma**-2
-    step = (sums.right[3] + (1.0 - albedo) * sigma**-2) / weight
+    weight = sums.normal[_ALBEDO] + expected.information
+    step = (sums.right[3] + expected.right) / weight
     root = np.sqrt(weight)
-    rows = np.empty((parameters * count, *albedo.shape))
+    rows = np.empty((parameters * count, *weight.shape))
     _albedo_rows(sums.factors, root, rows)
     flat = rows.reshape(len(rows), -1)
     # A matrix times its own transpose costs half of a product of two matrices.
@@ -89,6 +93,19 @@ def eliminate_albedo(
         own = slice(parameters * k, parameters * (k + 1))
         nuisance[own, own] += sums.nuisance[k, :parameters, :parameters]
     return AlbedoEquations(weight, step, rows, nuisance, right)
+
+
+def albedo_information(sums: Sums, slope_sigma: float) -> FloatArray:
+    """Return the information (R − 1, C − 1) of images on the albedo of cells, slopes unknown.
+
+    `slope_sigma` is the prior standard deviation of these.
+    """
+    weight = slope_sigma**-2
+    xx, xy, yy = sums.normal[_SLOPES, ...]
+    x, y = sums.normal[_WITH_SLOPES, ...]
+    xx, yy = xx + weight, yy + weight
+    by_slopes = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    return np.maximum(sums.normal[_ALBEDO] - by_slopes, 0.0)
 
 
 @compiled

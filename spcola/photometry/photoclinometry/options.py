@@ -9,6 +9,7 @@ import numpy as np
 from spcola.errors import SettingsError
 from spcola.photometry.functions import PhotometricFunction, lunar_lambert
 from spcola.photometry.photoclinometry.albedo_convention import AlbedoConvention
+from spcola.photometry.photoclinometry.albedo_prior import AlbedoPrior
 
 
 @dataclass(frozen=True)
@@ -25,9 +26,12 @@ class PhotoclinometryOptions:
     rounds : int
         Most rounds of a level.
     albedo_sigma : float
-        Expected standard deviation of the relative albedo about its mean of 1: the albedo of a cell
-        is drawn to 1 with this sigma. Small where brightness varies by slopes, larger where there
-        are bright and dark areas (Gaskell et al., §3.3).
+        Expected standard deviation of the relative albedo about its mean of 1, over large areas:
+        small where brightness varies by slopes, larger where there are bright and dark areas
+        (Gaskell et al., §3.3).
+    albedo_step_sigma : float
+        Expected standard deviation of the albedo of a cell about the mean of the eight around it,
+        see :class:`AlbedoPrior`.
     convention : AlbedoConvention
         How the albedo is normalised and bounded.
     gradient_sigma : float
@@ -97,10 +101,11 @@ class PhotoclinometryOptions:
     psf_px: float = 0.0
     levels: tuple[int, ...] = (4, 2, 1)
     rounds: int = 12
-    albedo_sigma: float = 0.08
+    albedo_sigma: float = 0.2
+    albedo_step_sigma: float = 0.035
     convention: AlbedoConvention = field(default_factory=AlbedoConvention)
     gradient_sigma: float = 0.03
-    contrast_sigma: float = 0.04
+    contrast_sigma: float = 0.035
     shift_sigma_px: float = 0.05
     slope_sigma: float = 0.3
     twist_sigma: float = 0.35
@@ -111,7 +116,7 @@ class PhotoclinometryOptions:
     least_elevation_deg: float = 20.0
     error_factor: float = 1.1
     bend_sigma: float = 0.14
-    top_sigma: float = 0.26
+    top_sigma: float = 0.32
     relief_albedo_sigma: float = 0.01
     constraint_fraction: float = 1.0
     seed: int = 1
@@ -119,12 +124,17 @@ class PhotoclinometryOptions:
     settled_gsd: float = 0.01
     settled_albedo: float = 0.003
 
+    @property
+    def albedo_prior(self) -> AlbedoPrior:
+        """What is expected of the albedo."""
+        return AlbedoPrior(self.albedo_sigma, self.albedo_step_sigma)
+
     def __post_init__(self) -> None:
         for name in (
-            "albedo_sigma", "gradient_sigma", "contrast_sigma", "shift_sigma_px", "slope_sigma",
-            "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
-            "error_factor", "bend_sigma", "top_sigma", "relief_albedo_sigma", "settled_gsd",
-            "settled_albedo",
+            "albedo_sigma", "albedo_step_sigma", "gradient_sigma", "contrast_sigma",
+            "shift_sigma_px", "slope_sigma", "twist_sigma", "least_error", "least_brightness",
+            "loss_scale", "determined_sigma", "error_factor", "bend_sigma", "top_sigma",
+            "relief_albedo_sigma", "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -13,6 +13,7 @@ from spcola.errors import InvalidValueError
 from spcola.grids import Maplet
 from spcola.grids.bending import bending_around
 from spcola.photometry.ground import at_cells
+from spcola.photometry.photoclinometry.albedo_equations import albedo_information
 from spcola.photometry.photoclinometry.constraints import HeightConstraint, constrained_points
 from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, outcome_of
 from spcola.photometry.photoclinometry.nuisances import nuisance_values, with_contrast
@@ -109,7 +110,9 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     before, prior, contrast = with_contrast(
         nuisance_values(fit.states), fit.known, options.contrast_sigma
     )
-    reduced = reduce_albedo(sums, fit.surface, before, prior, options.albedo_sigma)
+    own = albedo_information(sums, options.slope_sigma)
+    expected = options.albedo_prior.among_neighbours(own)
+    reduced = reduce_albedo(sums, fit.surface, before, prior, expected)
     directions = determined_directions(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | fit.precise))
     outcome, reason = outcome_of(fit.before, fits, fit.rounds, determined, options)

@@ -16,6 +16,7 @@ from spcola.photometry.photoclinometry.albedo_equations import (
     eliminate_albedo,
     with_priors,
 )
+from spcola.photometry.photoclinometry.albedo_prior import ExpectedAlbedo
 from spcola.photometry.photoclinometry.cell_pixels import UNKNOWNS, WITH_CONTRAST, cell_offset
 from spcola.photometry.photoclinometry.cell_surface import TOLERANCE, CellInformation, CellSurface
 from spcola.photometry.photoclinometry.constraints import GridHeights
@@ -68,7 +69,7 @@ class Reduced:
 
 
 def reduce_albedo(
-    sums: Sums, surface: Surface, before: FloatArray, known: FloatArray, sigma: float
+    sums: Sums, surface: Surface, before: FloatArray, known: FloatArray, expected: ExpectedAlbedo
 ) -> Reduced:
     """Eliminate the albedo of each cell, and add the priors of albedo and shifts.
 
@@ -81,10 +82,10 @@ def reduce_albedo(
         Nuisance parameters of the images, 5 or 6 with that of the contrast; the first has no prior.
     known : (K, M, M) ndarray
         Prior information on these about 0.
-    sigma : float
-        Prior standard deviation of the albedo about 1.
+    expected : ExpectedAlbedo
+        Prior of the albedo.
     """
-    alone = eliminate_albedo(sums, surface.albedo, sigma, parameters=before.shape[1])
+    alone = eliminate_albedo(sums, expected, parameters=before.shape[1])
     by_albedo = sums.normal[_WITH_ALBEDO, ...] / alone.weight
     normal = np.stack(
         [

@@ -249,7 +249,8 @@ class SurfaceFit:
     def reduced(self, widened: float) -> Reduced:
         """Return the normal equations of the cells for a round, with a loss so many times wider."""
         before, sums = nuisance_values(self.states), self.sums(widened=widened)
-        return reduce_albedo(sums, self.surface, before, self.known, self.options.albedo_sigma)
+        expected = self.options.albedo_prior.about(self.surface.albedo)
+        return reduce_albedo(sums, self.surface, before, self.known, expected)
 
     def round_priors(self) -> Priors:
         """Return what counts in the next round: a random share of the heights, or all."""

@@ -208,6 +208,25 @@ def test_sigmas_contain_errors_of_contrast(painted, photographs):
     assert np.median(right.slope_sigma) > np.median(without.slope_sigma)
 
 
+def test_areas_of_another_albedo_are_no_relief_and_noise_is_no_albedo(painted):
+    """Independent cells are either free enough for areas, or held tightly enough for noise."""
+    rng = np.random.default_rng(11)
+    images = [painted.photograph(f"N{k}", *SIGHTS[k], size=90) for k in (0, 1, 3, 5)]
+    noisy = [
+        replace(one, pixels=one.pixels * rng.normal(1.0, 0.08, one.pixels.shape)) for one in images
+    ]
+    slopes, albedos = [], []
+    field = PhotoclinometryOptions(function=lambert)
+    free = replace(field, albedo_step_sigma=1e3)
+    for options in (field, free, replace(free, albedo_sigma=0.05)):
+        found = solved(painted, noisy, options)
+        wrong = found.maplet.height - painted.heights()
+        slopes.append(np.std(inner(cell_slopes(wrong, painted.grid.gsd))))
+        albedos.append(np.std(inner(at_cells(found.maplet.albedo) / painted.cell_albedo())))
+    assert slopes[0] < 0.85 * min(slopes[1:])
+    assert albedos[0] < 0.7 * min(albedos[1:])
+
+
 def test_images_in_one_light_determine_one_direction_of_the_slope(painted, photographs):
     light = [0.7, 0.0, 0.7]
     images = [
