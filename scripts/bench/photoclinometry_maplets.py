@@ -9,9 +9,9 @@ of the solution in use.
   of its means over a cell, which pixels see; shares of the errors of both slopes of cells within
   one and two of their sigmas, over all maplets.
 - albedo: correlation of the relative albedo of each maplet with the truth where three of its images
-  or more show the ground with an incidence below 60 degrees, and its multiple correlation with both
-  slopes; that of the true albedo with the true slopes stands next to it. Once more for means over
-  3 x 3 points.
+  or more show the ground with an incidence below 60 degrees: at points, against means of the truth
+  over the square of a cell about them, and of means over 3 x 3 points; and its multiple correlation
+  with both slopes, next to that of the true albedo with the true slopes.
 
 Then slopes and albedo of maplets by the number of their images.
 
@@ -70,8 +70,9 @@ class AlbedoErrors:
 
     Parameters
     ----------
-    correlation, of_means : float
-        With the truth, of points and of means over 3 x 3 of them.
+    correlation, seen, of_means : float
+        With the truth: of points, with its means over cells about them, and of means over 3 x 3
+        points.
     error, sigma : float
         Root mean square of the errors about their mean, and of their stated sigma.
     within : float
@@ -81,6 +82,7 @@ class AlbedoErrors:
     """
 
     correlation: float
+    seen: float
     of_means: float
     error: float
     sigma: float
@@ -191,14 +193,13 @@ class Truth:
         self, maplet: Maplet, sigma: np.ndarray, height: np.ndarray, seen: Mapping[str, Any]
     ) -> AlbedoErrors | None:
         """Compare the albedo of a maplet with the truth, given the true heights on its grid."""
-        ground = Ground.of(maplet.grid, height)
+        ground, similarity = Ground.of(maplet.grid, height), self.planted.similarity
         well = sum(
             (ground.cosine(ground.sun(self.images[one])) > np.cos(MOST_INCIDENCE)).astype(int)
             for one in seen
         )
-        back = self.planted.similarity.inverse()
-        places = back.apply(ground.points.reshape(-1, 3))
-        true = self.body.albedo(places).reshape(height.shape)
+        true = albedo_of(self.body, ground, similarity)
+        seen_true = mean_albedo(self.body, maplet.grid, similarity)
         good = (well >= LEAST_IMAGES) & np.isfinite(maplet.albedo) & np.isfinite(maplet.height)
         good[:EDGE], good[-EDGE:], good[:, :EDGE], good[:, -EDGE:] = False, False, False, False
         if good.mean() < 0.1:
@@ -207,6 +208,7 @@ class Truth:
         error = own / own.mean() - right / right.mean()
         return AlbedoErrors(
             float(np.corrcoef(own, right)[0, 1]),
+            float(np.corrcoef(own, seen_true[good])[0, 1]),
             float(np.corrcoef(means(maplet.albedo)[good], means(true)[good])[0, 1]),
             float(error.std()),
             float(np.sqrt(np.mean(sigma[good] ** 2))),
@@ -218,10 +220,32 @@ class Truth:
 
 def mean_heights(body: TruthBody, grid: MapletGrid, similarity: Similarity) -> np.ndarray:
     """Return the mean true heights (R, C) over squares of one GSD about the points of a grid."""
+    return over_cells(heights_in_frame(body, fine_grid(grid), similarity))
+
+
+def mean_albedo(body: TruthBody, grid: MapletGrid, similarity: Similarity) -> np.ndarray:
+    """Return the mean true albedo (R, C) over squares of one GSD about the points of a grid."""
+    fine = fine_grid(grid)
+    ground = Ground.of(fine, heights_in_frame(body, fine, similarity))
+    return over_cells(albedo_of(body, ground, similarity))
+
+
+def albedo_of(body: TruthBody, ground: Ground, similarity: Similarity) -> np.ndarray:
+    """Return the true albedo (R, C) at the points of some ground."""
+    places = similarity.inverse().apply(ground.points.reshape(-1, 3))
+    return body.albedo(places).reshape(ground.points.shape[:2])
+
+
+def fine_grid(grid: MapletGrid) -> MapletGrid:
+    """Return a grid with 3 x 3 points in the square of one GSD about each point of another."""
     half = FINE * grid.half_size + FINE // 2
-    fine = MapletGrid(grid.center, grid.axes, grid.gsd / FINE, half)
-    height = heights_in_frame(body, fine, similarity)
-    return height.reshape(grid.size, FINE, grid.size, FINE).mean(axis=(1, 3))
+    return MapletGrid(grid.center, grid.axes, grid.gsd / FINE, half)
+
+
+def over_cells(layer: np.ndarray) -> np.ndarray:
+    """Return the means (R, C) of a layer (3 R, 3 C) of such a grid."""
+    rows, columns = (size // FINE for size in layer.shape)
+    return layer.reshape(rows, FINE, columns, FINE).mean(axis=(1, 3))
 
 
 def steepness(error: np.ndarray, gsd: float) -> float:
@@ -298,7 +322,8 @@ def albedo_lines(of: Mapping[str, np.ndarray]) -> Iterator[str]:
     middle, low = np.quantile(of["correlation"], [0.5, 0.1])
     yield (
         f"  albedo of {len(of['error'])}: correlation with the truth {middle:.3f} (median), "
-        f"{low:.3f} (tenth), of means {np.median(of['of_means']):.3f} (goal {ALBEDO:g})"
+        f"{low:.3f} (tenth), with its means over cells {np.median(of['seen']):.3f}, of means over "
+        f"3 x 3 points {np.median(of['of_means']):.3f} (goal {ALBEDO:g})"
     )
     error, sigma, within = (np.median(of[name]) for name in ("error", "sigma", "within"))
     yield f"  its error {error:.4f}, sigma {sigma:.4f}, within one {within:.2f}"
