@@ -74,8 +74,9 @@ class PhotoclinometryOptions:
         Standard deviation of the error of heights, of the bending of the surface around (m): edges
         and tops of boulders that the grid does not resolve.
     top_sigma : float
-        The same of an error that the points of a top have in common, where nothing but images shows
-        it: the slopes of its sides are drawn to those of the start, or count as outliers.
+        The same of an error that the points of the top of a boulder have in common, where nothing
+        but images shows it: the slopes of its sides are drawn to those of the start, or count as
+        outliers. Of the bending beyond that of ordinary ground.
     relief_albedo_sigma : float
         Standard deviation of the error of the albedo by relief that the grid does not resolve,
         relative: it darkens and brightens cells in all images alike.
@@ -116,7 +117,7 @@ class PhotoclinometryOptions:
     least_elevation_deg: float = 20.0
     error_factor: float = 1.1
     bend_sigma: float = 0.14
-    top_sigma: float = 0.32
+    top_sigma: float = 0.45
     relief_albedo_sigma: float = 0.01
     constraint_fraction: float = 1.0
     seed: int = 1

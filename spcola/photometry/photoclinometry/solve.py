@@ -34,6 +34,9 @@ from spcola.shape import RayCaster
 _UNKNOWN_MEAN = 1000.0
 # Cells from a constraining height within which it measures the top of a boulder.
 _MEASURED_CELLS = 2.0
+# Bending, over its median, from which on it is that of a boulder. Errors of heights on ordinary
+# ground are those of brightness.
+_ORDINARY = 1.5
 
 
 def solve_photoclinometry(
@@ -150,9 +153,11 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
 def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:
     """Return errors of heights (R, C) where the surface bends, m: single ones, and whole tops."""
     bend = bending_around(fit.surface.height)
+    ordinary = _ORDINARY * float(np.median(bend))
+    excess = np.sqrt(np.maximum(bend**2 - ordinary**2, 0.0))
     measured = constrained_points(fit.constraints, fit.start.grid, _MEASURED_CELLS)
     top_sigma = np.where(measured, 0.0, fit.options.top_sigma)
-    return fit.options.bend_sigma * bend, top_sigma * bend
+    return fit.options.bend_sigma * bend, top_sigma * excess
 
 
 def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photoclinometry:
