@@ -135,7 +135,8 @@ class LithosCommandOptions:
             metavar="SHARE",
             min=1e-6,
             max=1.0,
-            help="Expected scatter of the relative albedo: [lithos] albedo_sigma.",
+            help="Sigma with which the relative albedo is drawn to its mean: [lithos] "
+            "albedo_sigma.",
         ),
     ] = None
     rounds: Annotated[

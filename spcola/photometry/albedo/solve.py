@@ -54,6 +54,8 @@ class AlbedoOptions:
     photoclinometry : PhotoclinometryOptions
         Of these count: `function`, `psf_px`, `rounds`, `albedo_sigma`, `convention`,
         `gradient_sigma`, `shift_sigma_px`, `least_error`, `loss_scale`, `settled_albedo`.
+        Slopes are known, so that no relief is taken for albedo: cells are independent, and
+        `albedo_sigma` is the expected scatter of each.
     slope_error : float
         Standard deviation of each slope of a cell: what it does to brightness is in the sigma.
 
@@ -226,13 +228,13 @@ class _Work:
 
     @property
     def prior(self) -> AlbedoPrior:
-        """What is expected of the albedo: cells are independent, as nothing trades with slopes."""
+        """What is expected of the albedo: of independent cells, as slopes are known."""
         return AlbedoPrior(self.options.photoclinometry.albedo_sigma)
 
     def _add_common(self, normal: FloatArray, right: FloatArray, before: FloatArray) -> None:
         """Let the change of λ over the grid that is common to all images be albedo.
 
-        Nothing else separates them, and a prior of independent cells holds a trend of the albedo
+        Nothing else separates them, and a prior of independent cells makes a trend of the albedo
         impossible.
         """
         used = [k for k, state in enumerate(self.states) if np.isfinite(state.spread)]

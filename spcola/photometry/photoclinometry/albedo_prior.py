@@ -31,21 +31,21 @@ class ExpectedAlbedo:
 
 @dataclass(frozen=True)
 class AlbedoPrior:
-    """The albedo of a cell is about 1, and close to that of its neighbours.
+    """The albedo of a cell is drawn to 1, and to that of its neighbours.
 
-    A Gaussian Markov random field (Rue & Held 2005, *Gaussian Markov Random Fields*). Bright and
-    dark areas may differ by `sigma` from the mean, while cells next to each other differ little:
-    independent cells would have to be allowed as much from one to the next, and noise and relief
-    within cells would become albedo, or would have to be held to less than areas differ, and areas
-    would become relief.
+    A Gaussian Markov random field (Rue & Held 2005, *Gaussian Markov Random Fields*): bright and
+    dark areas are drawn to 1 only weakly, while cells next to each other differ little. With
+    independent cells the sigma must be large enough for the contrast between areas, and noise and
+    relief within cells become albedo; or it is small, and areas become relief.
 
     Parameters
     ----------
     sigma : float
-        Standard deviation about 1.
+        Of a cell about 1, its neighbours left aside: its weight is 1 / sigma². With neighbours
+        cells scatter by less: by 0.043 with the default sigmas.
     step_sigma : float
-        Standard deviation of a cell about the mean of the eight around it. Infinite: cells are
-        independent.
+        Standard deviation of a cell about the mean of the eight around it; at the edges about fewer
+        with the same weight each. Infinite: cells are independent.
     """
 
     sigma: float
@@ -57,19 +57,22 @@ class AlbedoPrior:
         Cells are solved one by one. Solved again and again with the neighbours of the round before
         they come to the solution of all cells at once.
         """
-        share, count = self._share, _neighbours(albedo.shape)
+        share, drawn = self._share, (1.0 - albedo) * self.sigma**-2
+        if not share:
+            return ExpectedAlbedo(np.full(albedo.shape, self.sigma**-2), drawn)
+        count = _neighbours(albedo.shape)
         around = ndimage.convolve(albedo, _AROUND, mode="constant")
         return ExpectedAlbedo(
             self.sigma**-2 + share * count,
-            (1.0 - albedo) * self.sigma**-2 + share * (around - count * albedo),
+            drawn + share * (around - count * albedo),
         )
 
     def among_neighbours(self, own: FloatArray) -> ExpectedAlbedo:
         """Return the prior of each cell, its neighbours as well known as images determine them.
 
-        For sigmas: neighbours that no image shows say less of a cell than those that many show. The
-        information is what the variance of a cell in the field of all of them is beyond its own.
-        Right-hand sides are 0.
+        For sigmas: neighbours that no image shows determine a cell less than those that many show.
+        The information is one over the variance of the cell in the field, less that of its own
+        images. Right-hand sides are 0.
 
         Parameters
         ----------

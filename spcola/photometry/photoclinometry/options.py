@@ -26,12 +26,12 @@ class PhotoclinometryOptions:
     rounds : int
         Most rounds of a level.
     albedo_sigma : float
-        Expected standard deviation of the relative albedo about its mean of 1, over large areas:
+        Standard deviation with which the relative albedo of each cell is drawn to its mean of 1:
         small where brightness varies by slopes, larger where there are bright and dark areas
         (Gaskell et al., §3.3).
     albedo_step_sigma : float
         Expected standard deviation of the albedo of a cell about the mean of the eight around it,
-        see :class:`AlbedoPrior`.
+        with which single cells scatter by less than `albedo_sigma`: see :class:`AlbedoPrior`.
     convention : AlbedoConvention
         How the albedo is normalised and bounded.
     gradient_sigma : float

@@ -34,8 +34,8 @@ from spcola.shape import RayCaster
 _UNKNOWN_MEAN = 1000.0
 # Cells from a constraining height within which it measures the top of a boulder.
 _MEASURED_CELLS = 2.0
-# Bending, over its median, from which on it is that of a boulder. Errors of heights on ordinary
-# ground are those of brightness.
+# Bending larger than this many medians of the grid counts as a boulder's. Errors of heights on
+# ordinary ground are those of brightness.
 _ORDINARY = 1.5
 
 
@@ -168,7 +168,7 @@ def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Phot
         fit.start,
         np.zeros((cells, cells), dtype=np.int8),
         np.full((2, cells, cells), np.nan),
-        np.full((cells, cells), fit.options.albedo_sigma),
+        fit.options.convention.stated(np.full((cells, cells), fit.options.albedo_sigma)),
         fits,
         tuple(fit.rounds),
         outcome,

@@ -316,7 +316,7 @@ def changed_albedo(
 def albedo_sigma_of(
     reduced: Reduced, heights: Posterior, options: PhotoclinometryOptions
 ) -> FloatArray:
-    """Return the sigma (R − 1, C − 1) of the albedo, at most that of its prior.
+    """Return the sigma (R − 1, C − 1) of the albedo, at most `albedo_sigma`.
 
     Errors of slopes, heights and nuisance parameters are in it, and relief within cells.
     """

@@ -144,11 +144,11 @@ class LithosSettings(Table):
         default=0.0, description="sigma of the optics' point spread, pixels"
     )
     albedo_sigma: Annotated[float, Span(1e-6, 1.0)] = Field(
-        default=0.2, description="expected scatter of the relative albedo over large areas"
+        default=0.2, description="sigma with which the relative albedo is drawn to its mean"
     )
     albedo_step_sigma: Annotated[float, Span(1e-6, 1.0)] = Field(
         default=0.035,
-        description="expected scatter of the relative albedo about the mean of the points around",
+        description="expected scatter of the relative albedo about the mean of the cells around",
     )
     albedo_mean: Literal["1", "0.5"] = Field(
         default="1",

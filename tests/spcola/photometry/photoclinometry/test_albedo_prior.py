@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spcola.photometry.photoclinometry.albedo_equations import albedo_information
 from spcola.photometry.photoclinometry.albedo_prior import AlbedoPrior
+from spcola.photometry.photoclinometry.image_equations import Sums
 
 SHAPE = (9, 12)
 PRIOR = AlbedoPrior(sigma=0.2, step_sigma=0.04)
@@ -62,6 +64,24 @@ def test_the_prior_among_neighbours_has_the_variance_of_the_field(rng):
     assert np.all(prior.information < most)
     surest = PRIOR.among_neighbours(np.full(SHAPE, 1e9))
     np.testing.assert_allclose(surest.information, most, rtol=1e-3)
+
+
+def test_the_information_of_images_on_the_albedo_leaves_slopes_free(rng):
+    """That of the Schur complement of the slopes, with their prior, in each cell."""
+    derivatives = rng.normal(size=(*SHAPE, 5, 4)) * [20.0, 30.0, 1.0, 40.0]
+    # Images that show one cell in one light only: slope and albedo cannot be separated.
+    derivatives[0, 0] = derivatives[0, 0, :1]
+    normal = np.einsum("...ka,...kb->...ab", derivatives, derivatives)
+    sums = Sums.empty(5, SHAPE)
+    for place, (a, b) in enumerate(zip(*np.triu_indices(4), strict=True)):
+        sums.own[place] = normal[..., a, b]
+    found = albedo_information(sums, 0.3)
+    for i, j in np.ndindex(SHAPE):
+        slopes = normal[i, j][:2, :2] + 0.3**-2 * np.eye(2)
+        mixed = normal[i, j][:2, 3]
+        expected = normal[i, j][3, 3] - mixed @ np.linalg.solve(slopes, mixed)
+        assert found[i, j] == pytest.approx(expected, rel=1e-9)
+    assert found[0, 0] < 0.1 * normal[0, 0, 3, 3]
 
 
 def test_without_steps_cells_are_independent(rng):

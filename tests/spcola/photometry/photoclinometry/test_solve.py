@@ -209,7 +209,7 @@ def test_sigmas_contain_errors_of_contrast(painted, photographs):
 
 
 def test_areas_of_another_albedo_are_no_relief_and_noise_is_no_albedo(painted):
-    """Independent cells are either free enough for areas, or held tightly enough for noise."""
+    """Independent cells take areas for relief, or noise for albedo."""
     rng = np.random.default_rng(11)
     images = [painted.photograph(f"N{k}", *SIGHTS[k], size=90) for k in (0, 1, 3, 5)]
     noisy = [
@@ -218,7 +218,7 @@ def test_areas_of_another_albedo_are_no_relief_and_noise_is_no_albedo(painted):
     slopes, albedos = [], []
     field = PhotoclinometryOptions(function=lambert)
     free = replace(field, albedo_step_sigma=1e3)
-    for options in (field, free, replace(free, albedo_sigma=0.05)):
+    for options in (field, free, *(replace(free, albedo_sigma=sigma) for sigma in (0.05, 0.08))):
         found = solved(painted, noisy, options)
         wrong = found.maplet.height - painted.heights()
         slopes.append(np.std(inner(cell_slopes(wrong, painted.grid.gsd))))
@@ -333,6 +333,20 @@ def test_a_boulder_on_a_smooth_start_is_no_outlier(painted, monkeypatch):
     assert slowly < 0.75 * error()
 
 
+def test_the_top_of_a_boulder_is_less_sure_and_the_plane_around_is_not(painted):
+    boulder = Boulder(replace(painted.grid, half_size=16))
+    away = np.hypot(*np.meshgrid(boulder.grid.offsets, boulder.grid.offsets))
+    images = [boulder.photograph(f"I{k}", *sight, size=60) for k, sight in enumerate(SIGHTS)]
+    with_top, without = (
+        solved(boulder, images, options, constraints=[one_height(boulder)]).maplet.sigma
+        for options in (FEW_ROUNDS, replace(FEW_ROUNDS, top_sigma=1e-9))
+    )
+    added = np.sqrt(with_top**2 - without**2)
+    assert np.median(added[away < 1.5]) > 0.1
+    assert np.median(added[away > 6.0]) == 0.0
+    assert np.mean(added[away > 6.0]) < 0.003
+
+
 def test_the_last_round_has_the_loss_that_is_asked_for(painted, photographs, monkeypatch):
     options = replace(FEW_ROUNDS, levels=(1,), rounds=1)
     one = solved(painted, photographs, options).maplet.height
@@ -424,6 +438,8 @@ def test_ground_that_nothing_shows_stays_unknown(painted, photographs):
     assert np.isnan(found.slope_sigma[:, 2:12, 2:12]).all()
     assert np.isfinite(found.slope_sigma[:, 25:, 25:]).all()
     assert (found.directions[2:12, 2:12] == 0).all()
+    # That of the field alone; about known neighbours it would be 0.034.
+    assert 0.04 < np.median(found.albedo_sigma[4:12, 4:12]) / 0.5 < 0.07
     assert np.isfinite(found.maplet.height[25:, 25:]).all()
 
 
