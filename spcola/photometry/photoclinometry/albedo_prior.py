@@ -88,7 +88,7 @@ class AlbedoPrior:
         known[2, :-1, 1:] = -share
         known[3, :-1] = -share
         known[4, :-1, :-1] = -share
-        # The albedo of cells in place of the heights of points: a matrix of the same shape, to which
+        # The albedo of cells in place of heights of points: a matrix of the same shape, to which
         # cells between them add nothing.
         between = (shape[0] - 1, shape[1] - 1)
         nothing = CellInformation(
