@@ -85,7 +85,7 @@ def eliminate_albedo(
     root = np.sqrt(weight)
     rows = np.empty((parameters * count, *weight.shape))
     _albedo_rows(sums.factors, root, rows)
-    flat = rows.reshape(len(rows), -1)
+    flat = rows.reshape(len(rows), weight.size)
     # A matrix times its own transpose costs half of a product of two matrices.
     nuisance = -(flat @ flat.T)
     right = sums.nuisance[:, :parameters, -1].ravel() - flat @ (root * step).ravel()

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dtrtri
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline, compiled_sums
@@ -144,26 +145,27 @@ class CellSurface:
         _substitute(self._factor, solved)
         return solved
 
-    def _direct_of_nuisances(self) -> FloatArray:
-        """Return the solutions (points, P) for the products with the nuisance parameters.
+    def _direct_of_nuisances(self) -> tuple[FloatArray, FloatArray]:
+        """Return the solutions (P, points) for the products with the nuisance parameters.
 
-        With so many right-hand sides, products of full matrices are faster than substitution
-        column by column.
+        And the products (P, P) of these with them. With so many right-hand sides, products of full
+        matrices are faster than substitution column by column.
         """
-        solved = np.array(self._coupled.T, dtype=np.float64, order="C")
-        blocks = self._blocks()
-        for own, after, upper, right in blocks:
-            solved[own] = solve_triangular(upper, solved[own], trans="T", check_finite=False)
-            solved[after] -= right.T @ solved[own]
-        for own, after, upper, right in reversed(blocks):
-            left = solved[own] - right @ solved[after]
-            solved[own] = solve_triangular(upper, left, check_finite=False)
-        return solved
+        solved = np.array(self._coupled, dtype=np.float64)
+        blocks = self._blocks() if len(solved) else []
+        for own, after, inverse, right in blocks:
+            solved[:, own] = solved[:, own] @ inverse
+            solved[:, after] -= solved[:, own] @ right
+        products = solved @ solved.T
+        for own, after, inverse, right in reversed(blocks):
+            solved[:, own] = (solved[:, own] - solved[:, after] @ right.T) @ inverse.T
+        return solved, products
 
     def _blocks(self) -> list[tuple[slice, slice, FloatArray, FloatArray]]:
         """Return the factor, transposed, in blocks of rows as high as the band is wide.
 
-        Of each the rows, those of the next, and the matrices on the diagonal and right of it.
+        Of each the rows, those of the next, the inverse of the matrix on the diagonal, and the
+        matrix right of it.
         """
         size, width = len(self._factor), self._shape[1] + 1
         found = []
@@ -175,7 +177,8 @@ class CellSurface:
             rows = whole.reshape(-1)[: 2 * width * width].reshape(width, 2 * width)
             rows = rows[: last - first, : end - first]
             upper, right = rows[:, : last - first], rows[:, last - first :]
-            found.append((slice(first, last), slice(last, end), upper, right))
+            inverse, _ = dtrtri(upper)
+            found.append((slice(first, last), slice(last, end), inverse, right))
         return found
 
     def _times(self, x: FloatArray) -> FloatArray:
@@ -198,11 +201,10 @@ class CellSurface:
         count, columns = len(self._coupled), self._shape[1]
         apart = np.array([0, 1, columns - 1, columns, columns + 1])
         near = inverse_entries(self._factor, apart).reshape(5, *self._shape)
-        solved = self._direct_of_nuisances() if count else np.zeros((self._right.size, 0))
-        left = self._nuisance_normal - self._coupled @ solved
+        solved, products = self._direct_of_nuisances()
         fixed = np.zeros(count, dtype=np.bool_) if considered is None else considered
-        by_nuisance = solved.T.reshape(count, *self._shape)
-        return Posterior(near, by_nuisance, 0.5 * (left + left.T), fixed, sigma)
+        by_nuisance = solved.reshape(count, *self._shape)
+        return Posterior(near, by_nuisance, self._nuisance_normal - products, fixed, sigma)
 
 
 @compiled

@@ -131,6 +131,9 @@ def outcome_of(
     after = np.array([fit.residual for fit in fits])
     both = np.isfinite(after) & np.isfinite(before)
     ratio = float(np.median(after[both] / np.array(before)[both])) if both.any() else np.inf
+    if not np.isfinite(before).any():
+        # Heights alone determine the surface.
+        ratio = 1.0
     last = rounds[-1]
     if not ratio <= _WORSE:
         return Outcome.DIVERGED, f"the residual of brightness is {ratio:.2f} times the start's"

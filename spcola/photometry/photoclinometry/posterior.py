@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +62,12 @@ class Posterior:
         x, y, mean = weights * np.array([0.5 / gsd, 0.5 / gsd, 0.25])[:, None, None]
         # By the corners 00, 01, 10, 11.
         by_corner = np.stack([mean - x - y, mean + x - y, mean - x + y, mean + x + y])
-        corners = zip(by_corner, _corners(self._by_independent), strict=True)
-        rows = sum(share * corner for share, corner in corners)
-        if len(direct):
-            # It falls with heights, which fall with nuisance parameters.
-            all_direct = np.zeros((len(self.information), *direct.shape[1:]))
-            all_direct[: len(direct)] = direct
-            rows = rows - self._of_independent(all_direct)
-        return _within(self.near, by_corner) + np.sum(rows**2, axis=0)
+        variance = _within(self.near, by_corner)
+        by_corner = np.ascontiguousarray(np.broadcast_to(by_corner, (4, *variance.shape)))
+        # It falls with heights, which fall with nuisance parameters.
+        own = self._of_independent(direct) if len(direct) else direct
+        _add_squares(self._by_independent, by_corner, own, variance)
+        return variance
 
     @cached_property
     def _by_independent(self) -> FloatArray:
@@ -77,20 +75,50 @@ class Posterior:
         return self._of_independent(self.by_nuisance)
 
     @cached_property
-    def _root(self) -> FloatArray:
-        """Lower triangle of which the information on the estimated parameters is the square."""
-        free = ~self.considered
-        return np.linalg.cholesky(self.information[np.ix_(free, free)])
+    def _independent(self) -> FloatArray:
+        """Matrix (P, P) from rows by nuisance parameters to those by independent ones."""
+        fixed, free = self.considered, ~self.considered
+        # The square of its inverse is the information on the estimated parameters.
+        root = np.linalg.inv(np.linalg.cholesky(self.information[np.ix_(free, free)]))
+        found = np.zeros(self.information.shape)
+        found[np.ix_(free, free)] = root
+        found[fixed, fixed] = self.sigma
+        common = self.information[np.ix_(fixed, free)] @ root.T
+        found[np.ix_(fixed, free)] = -self.sigma * common @ root
+        return found
 
     def _of_independent(self, rows: FloatArray) -> FloatArray:
-        """Return rows (P, …) by nuisance parameters as rows by independent ones of unit sigma."""
+        """Return rows (Q, …) by the first Q nuisance parameters by independent ones (P, …)."""
         flat = rows.reshape(len(rows), rows[0].size if len(rows) else 0)
-        fixed, free = self.considered, ~self.considered
-        found = np.empty_like(flat)
-        found[free] = solve_triangular(self._root, flat[free], lower=True, check_finite=False)
-        common = solve_triangular(self._root, self.information[np.ix_(free, fixed)], lower=True)
-        found[fixed] = self.sigma * (flat[fixed] - common.T @ found[free])
-        return found.reshape(rows.shape)
+        found = self._independent[:, : len(rows)] @ flat
+        return found.reshape(-1, *rows.shape[1:])
+
+
+@compiled
+def _add_squares(
+    rows: FloatArray, by_corner: FloatArray, direct: FloatArray, variance: FloatArray
+) -> None:
+    """Add to `variance` (R − 1, C − 1) the squares of a quantity's change with each parameter.
+
+    Parameters
+    ----------
+    rows : (P, R, C) ndarray
+        How much heights fall with the parameters.
+    by_corner : (4, R − 1, C − 1) ndarray
+        How much the quantity of a cell falls with the heights of its corners.
+    direct : (P, R − 1, C − 1) or (0, …) ndarray
+        How much it falls with the parameters where heights stay.
+    variance : (R − 1, C − 1) ndarray
+    """
+    unmoved = np.zeros(variance.shape[1])
+    for k in range(rows.shape[0]):
+        for i in range(variance.shape[0]):
+            above, below, shares, out = rows[k, i], rows[k, i + 1], by_corner[:, i], variance[i]
+            own = direct[k, i] if direct.shape[0] else unmoved
+            for j in range(out.size):
+                change = shares[0, j] * above[j] + shares[1, j] * above[j + 1] - own[j]
+                change += shares[2, j] * below[j] + shares[3, j] * below[j + 1]
+                out[j] += change * change
 
 
 def _corners(layers: FloatArray) -> tuple[FloatArray, ...]:

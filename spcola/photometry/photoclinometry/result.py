@@ -23,7 +23,8 @@ class Outcome(StrEnum):
     """Images determine both directions of the slope in few cells, and no precise height constrains
     the others: heights depend on the start there, and their sigmas are large."""
     TOO_FEW_IMAGES = "too-few-images"
-    """Fewer than two images show enough ground in high enough light: the start surface is kept."""
+    """Fewer than two images show enough ground in high enough light, and no precise height
+    constrains it: the start surface is kept."""
     DIVERGED = "diverged"
     """The brightness fits no better than that of the start surface, which is kept."""
 

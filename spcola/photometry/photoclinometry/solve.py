@@ -92,7 +92,7 @@ def solve_photoclinometry(
             raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
     lights = dict(secondary or {})
     fit = SurfaceFit.of(start, images, states, tuple(constraints), beyond, lights, options)
-    if fit.count < 2 or (fit.high < 2 and float(np.mean(fit.precise)) < LEAST_DETERMINED):
+    if fit.high < 2 and float(np.mean(fit.precise)) < LEAST_DETERMINED:
         return _kept(fit, (), Outcome.TOO_FEW_IMAGES)
     turned = fit.with_turned_suns()
     for factor in options.levels:
@@ -173,7 +173,7 @@ def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Phot
         tuple(fit.rounds),
         outcome,
         f"{fit.count} of {len(fit.images)} images show enough lit ground of it, {fit.high} with "
-        f"the Sun {fit.options.least_elevation_deg:.0f}° high; two are needed",
+        f"the Sun {fit.options.least_elevation_deg:.0f}° high; two are needed, or precise heights",
         fit.light_ratio,
         fit.shift_ratio,
         tuple(one.fit(fit.start) for one in fit.constraints),

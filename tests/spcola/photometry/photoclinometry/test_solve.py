@@ -397,6 +397,23 @@ def test_too_few_images_keep_the_start(painted, photographs):
     assert {fit.fit for fit in found.images} == {Fit.NOT_SEEN}
 
 
+@pytest.mark.parametrize("count", [0, 1])
+def test_heights_determine_ground_that_images_do_not_show(painted, photographs, count):
+    truth = painted.heights()
+    noise = np.random.default_rng(5).normal(0.0, 0.02, truth.shape)
+    heights = HeightConstraint.of_sigma("all", truth + noise, 0.02)
+    found = solved(painted, photographs[:count], FEW_ROUNDS, constraints=[heights])
+    assert found.outcome is Outcome.CONVERGED
+    error = found.maplet.height - truth
+    assert np.std(error) < 0.02
+    assert 0.5 < np.std(error / found.maplet.sigma) < 1.1
+    assert not (found.directions == 2).any()
+    if not count:
+        np.testing.assert_array_equal(found.maplet.albedo, 1.0)
+        # Cells of the albedo's field scatter by that without images.
+        assert np.all(found.albedo_sigma > 0.043)
+
+
 def test_light_along_the_ground_determines_no_heights(painted, photographs):
     """With the Sun 10 degrees high relief and scale are confused: shadows hide one side of it."""
     low = [
