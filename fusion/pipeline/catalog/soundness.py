@@ -61,7 +61,7 @@ _PRINTED = 1e-9
 # A GSD that differs by less than this from one that so many maplets share is an error.
 _SHARED, _NEARLY = 3, 1e-3
 # Increased whenever other maplets would be found.
-_VERSION = 1
+_VERSION = 2
 # The scatter of fewer maplets is not known.
 _FEWEST = 5
 # In a registration.json of before `cause`.
@@ -230,10 +230,14 @@ def _spacings(rows: AnyArray) -> Iterator[tuple[int, str]]:
 
 
 def _sigmas(rows: AnyArray) -> Iterator[tuple[int, str]]:
-    """Compare sigmas of the centres with those of the landmarks and of all maplets."""
-    stated = rows["has_landmark"] & np.all(rows["landmark_sigma"] >= 0.0, axis=1)
-    places = np.flatnonzero(stated)
-    its = rows[places]
+    """Compare sigmas of the centres with those of the landmarks and of all maplets.
+
+    A magnitude of 0 is none: those of maplets from images are in the sigmas of their heights.
+    """
+    given = np.flatnonzero(rows["sigma_size"] != 0.0)
+    its = rows[given]
+    paired = its["has_landmark"] & np.all(its["landmark_sigma"] >= 0.0, axis=1)
+    places, its = given[paired], its[paired]
     size = np.linalg.norm(its["landmark_sigma"], axis=1)
     off = np.abs(its["sigma_size"] / KM - size / KM)
     of_sizes = off / (_SIGMA_SHARE * size / KM + 1e-30)
@@ -244,13 +248,13 @@ def _sigmas(rows: AnyArray) -> Iterator[tuple[int, str]]:
         for place in _beyond(misfit, places):
             listed = [_listed(rows[one][place]) for one in ("sigma", "landmark_sigma")]
             yield place, f"sigma of V is {listed[0]} m, its landmark has {listed[1]}"
-    if not len(rows):
+    if not len(given):
         return
-    usual = np.median(rows["sigma"], axis=0)
+    usual = np.median(rows["sigma"][given], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = rows["sigma"] / usual
+        ratio = rows["sigma"][given] / usual
     odd = (usual > 0.0) & ~((ratio > 1.0 / _SIGMA_FACTOR) & (ratio < _SIGMA_FACTOR))
-    for place in np.flatnonzero(odd.any(axis=1)).tolist():
+    for place in given[odd.any(axis=1)].tolist():
         own = _listed(rows["sigma"][place])
         yield place, f"sigma of V is {own} m, usual is {_listed(usual)} m"
 

@@ -142,6 +142,16 @@ def test_a_maplet_without_lidar_or_landmark_of_another_size_is_sound(tmp_path: P
     assert unsound_maplets(workspace) == ()
 
 
+@pytest.mark.parametrize("count", [1, 12, 24])
+def test_maplets_from_images_give_no_sigma_of_their_centre(tmp_path: Path, count: int) -> None:
+    """One of a solution, half of them, or all; their landmarks have one still."""
+    workspace = solution(tmp_path)
+    for name in workspace.maplet_names()[:count]:
+        maplet = replace(workspace.maplet(name), center_sigma=np.zeros(3))
+        write_maplet(workspace.maplet_path(name), maplet)
+    assert unsound_maplets(workspace) == ()
+
+
 def test_a_maplet_that_the_registration_left_out_is_named(tmp_path: Path) -> None:
     workspace = solution(tmp_path, shape=False)
     entries = [

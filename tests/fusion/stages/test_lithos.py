@@ -12,6 +12,7 @@ import pytest
 from command_line import call, called, refused
 
 from fusion.pipeline import Subset
+from fusion.pipeline.catalog.soundness import unsound_maplets
 from fusion.stages.lithos import PHOTOCLINOMETRY_KEYS, LithosOptions
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
@@ -98,6 +99,11 @@ def test_slopes_err_by_the_sigmas_that_are_written(mission, solved):
         wrong = cell_slopes(maplet.height - truth, maplet.grid.gsd)
         pulls = (wrong / sigma)[:, 2:-2, 2:-2]
         assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.4
+
+
+def test_other_commands_take_a_solution_of_which_some_maplets_were_solved(mission, solved):
+    assert solved[0]["solution"] == "images"
+    assert unsound_maplets(Workspace.open(mission[0], "images")) == ()
 
 
 def test_the_solution_has_its_record_and_shares_what_is_unchanged(mission, solved):
