@@ -88,7 +88,7 @@ class Posterior:
         return found
 
     def _of_independent(self, rows: FloatArray) -> FloatArray:
-        """Return rows (Q, …) by the first Q nuisance parameters by independent ones (P, …)."""
+        """Return rows (P, …) by independent parameters from (Q, …) by the first Q nuisance ones."""
         flat = rows.reshape(len(rows), rows[0].size if len(rows) else 0)
         found = self._independent[:, : len(rows)] @ flat
         return found.reshape(-1, *rows.shape[1:])
