@@ -68,10 +68,10 @@ def lithos(
 
     Slopes and albedo of each maplet follow from the brightness of all images that show it, and are
     integrated to heights; stereo and constraining heights are in the same equations. Images are
-    moved to a fraction of a pixel within the uncertainty of their states. A maplet whose images are
-    too few, or fit no better than before, keeps its heights, and the result names it.
-    photoclinometry.json of the new solution has residuals, shifts and outcomes. The solution that
-    is read stays as it is; an interrupted command goes on where it was.
+    moved to a fraction of a pixel within the uncertainty of their states. A maplet keeps its
+    heights, and the result names it, if its images fit no better than before, or are too few and no
+    precise height constrains it. photoclinometry.json of the new solution has residuals, shifts and
+    outcomes. The solution that is read stays as it is; an interrupted command goes on where it was.
     """
     show(*solve_maplets(work.site(workspace), given), as_json=work.as_json)
 

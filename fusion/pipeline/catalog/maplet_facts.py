@@ -20,6 +20,7 @@ from fusion.runtime import content_digest
 from spcola import atomic
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import SpcolaError
+from spcola.formats.image_sigmas import slope_sigma_path
 from spcola.formats.maplets import read_map
 from spcola.formats.solution import read_landmark
 from spcola.formats.text import KM
@@ -53,6 +54,7 @@ _NUMBERS: list[Any] = [
     ("gsd", "f8"),
     ("sigma", "f8", (3,)),
     ("sigma_size", "f8"),
+    ("from_images", "?"),
     ("has_landmark", "?"),
     ("landmark_center", "f8", (3,)),
     ("landmark_axes", "f8", (3, 3)),
@@ -68,7 +70,8 @@ _NUMBERS: list[Any] = [
 ROW = np.dtype(_NUMBERS)
 """Numbers of a maplet: metres, and of its landmark if it `has_landmark`.
 
-`sigma_size` is the magnitude of the sigma in the file. Of heights above the shape: the share that
+`sigma_size` is the magnitude of the sigma in the file; maplets solved `from_images` by SPCOLA, next
+to which a .SSG lies, give none. Of heights above the shape: the share that
 was `seen` there, and where that is over one half the size of their mean (`offset`), their standard
 deviation (`scatter`), that of the shape's own heights (`relief`), and the slope of the regression
 of the maplet's heights on these (`gain`); NaN elsewhere.
@@ -291,6 +294,7 @@ def _read(maplets: Iterable[MapletFiles], caster: RayCaster | None) -> Iterator[
         sigma = read.maplet.center_sigma
         yield (
             grid.center, grid.axes, grid.gsd, sigma, read.header.sigma_size_km * KM,
+            slope_sigma_path(one.path).is_file(),
             landmark is not None, other.center, other.axes, other.gsd,
             sigma if landmark is None else landmark.sigma,
             *_above_shape(read.maplet, caster),

@@ -232,9 +232,10 @@ def _spacings(rows: AnyArray) -> Iterator[tuple[int, str]]:
 def _sigmas(rows: AnyArray) -> Iterator[tuple[int, str]]:
     """Compare sigmas of the centres with those of the landmarks and of all maplets.
 
-    A magnitude of 0 is none: those of maplets from images are in the sigmas of their heights.
+    Those of maplets that SPCOLA solved from images are in the sigmas of their heights: they give
+    none, a magnitude of 0.
     """
-    given = np.flatnonzero(rows["sigma_size"] != 0.0)
+    given = np.flatnonzero((rows["sigma_size"] != 0.0) | ~rows["from_images"])
     its = rows[given]
     paired = its["has_landmark"] & np.all(its["landmark_sigma"] >= 0.0, axis=1)
     places, its = given[paired], its[paired]

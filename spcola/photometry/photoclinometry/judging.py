@@ -128,14 +128,12 @@ def outcome_of(
         heights of a sigma below the GSD, 0 … 1.
     options : PhotoclinometryOptions
     """
-    after = np.array([fit.residual for fit in fits])
-    both = np.isfinite(after) & np.isfinite(before)
-    ratio = float(np.median(after[both] / np.array(before)[both])) if both.any() else np.inf
-    if not np.isfinite(before).any():
-        # Heights alone determine the surface.
-        ratio = 1.0
+    start, after = np.array(before), np.array([fit.residual for fit in fits])
+    both = np.isfinite(after) & np.isfinite(start)
+    ratio = float(np.median(after[both] / start[both])) if both.any() else np.inf
     last = rounds[-1]
-    if not ratio <= _WORSE:
+    # Of ground that no image showed at the start nothing can have become worse.
+    if np.isfinite(start).any() and not ratio <= _WORSE:
         return Outcome.DIVERGED, f"the residual of brightness is {ratio:.2f} times the start's"
     if determined < LEAST_DETERMINED:
         return Outcome.UNDETERMINED, (

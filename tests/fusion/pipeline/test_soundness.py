@@ -23,6 +23,7 @@ from fusion.pipeline.catalog.soundness import (
 from fusion.workspace import Workspace, new_workspace
 from spcola.control import Landmark
 from spcola.errors import SpcolaError
+from spcola.formats.image_sigmas import write_slope_sigma
 from spcola.formats.maplets import read_map, write_maplet
 from spcola.formats.shapes import write_obj_mesh
 from spcola.formats.solution import read_landmark, write_landmark
@@ -142,14 +143,27 @@ def test_a_maplet_without_lidar_or_landmark_of_another_size_is_sound(tmp_path: P
     assert unsound_maplets(workspace) == ()
 
 
+def without_sigma_of_centre(workspace: Workspace, name: str) -> None:
+    maplet = replace(workspace.maplet(name), center_sigma=np.zeros(3))
+    write_maplet(workspace.maplet_path(name), maplet)
+
+
 @pytest.mark.parametrize("count", [1, 12, 24])
 def test_maplets_from_images_give_no_sigma_of_their_centre(tmp_path: Path, count: int) -> None:
     """One of a solution, half of them, or all; their landmarks have one still."""
     workspace = solution(tmp_path)
     for name in workspace.maplet_names()[:count]:
-        maplet = replace(workspace.maplet(name), center_sigma=np.zeros(3))
-        write_maplet(workspace.maplet_path(name), maplet)
+        without_sigma_of_centre(workspace, name)
+        write_slope_sigma(workspace.maplet_path(name), np.full((2, 2 * HALF, 2 * HALF), 0.03))
     assert unsound_maplets(workspace) == ()
+
+
+def test_another_maplet_that_lost_the_sigma_of_its_centre_is_named(tmp_path: Path) -> None:
+    workspace = solution(tmp_path)
+    without_sigma_of_centre(workspace, "AA0005")
+    (found,) = unsound_maplets(workspace)
+    assert found.name == "AA0005"
+    assert "sigma of V is nan, nan, nan m, its landmark has 0.06, 0.06, 0.06" in found.text
 
 
 def test_a_maplet_that_the_registration_left_out_is_named(tmp_path: Path) -> None:

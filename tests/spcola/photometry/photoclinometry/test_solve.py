@@ -397,8 +397,9 @@ def test_too_few_images_keep_the_start(painted, photographs):
     assert {fit.fit for fit in found.images} == {Fit.NOT_SEEN}
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_heights_determine_ground_that_images_do_not_show(painted, photographs, count):
+# What a single image shows of heights makes them better, but does not count in their sigmas.
+@pytest.mark.parametrize(("count", "least_pull"), [(0, 0.85), (1, 0.5)])
+def test_heights_determine_ground_that_images_do_not_show(painted, photographs, count, least_pull):
     truth = painted.heights()
     noise = np.random.default_rng(5).normal(0.0, 0.02, truth.shape)
     heights = HeightConstraint.of_sigma("all", truth + noise, 0.02)
@@ -406,7 +407,7 @@ def test_heights_determine_ground_that_images_do_not_show(painted, photographs, 
     assert found.outcome is Outcome.CONVERGED
     error = found.maplet.height - truth
     assert np.std(error) < 0.02
-    assert 0.5 < np.std(error / found.maplet.sigma) < 1.1
+    assert least_pull < np.std(error / found.maplet.sigma) < 1.1
     assert not (found.directions == 2).any()
     if not count:
         np.testing.assert_array_equal(found.maplet.albedo, 1.0)
