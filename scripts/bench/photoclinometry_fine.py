@@ -4,7 +4,9 @@ Where most of the finest images of `mini` show the same ground, maplets of a fin
 from the shape. They are solved from images alone, with mapolas, and with the single returns, and
 compared with the truth next to the shape, to registered mapolas of that GSD, and to fused maplets:
 those of the lidar and the shape's slopes. All maplets that images alone solve count, without their
-edges.
+edges. Resolved is the wavelength below which less than half of the truth's power is left, and
+coherent the one below which the coherence is less than a half; two GSDs are the least that a grid
+can have.
 
     python scripts/bench/photoclinometry_fine.py [--gsd 0.15] [--places 4] [--radius 10] [--seed 1]
         [--work DIR]
@@ -17,7 +19,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,7 @@ from truth import timed
 
 from fusion.scene import Scene
 from fusion.stages.register import ImageScene
+from fusion.truth.assessment.resolution import Spectra
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
 from fusion.workspace.settings.processing import RegisterSettings
@@ -90,27 +93,47 @@ def solved(work: Path, seed: int, gsd: float, radius: float, places: int) -> tup
     return root, names
 
 
-def errors(
-    surfaces: Sequence[tuple[Maplet, np.ndarray]],
-) -> tuple[float, float, float, float, float]:
-    """Return rms of heights (m) and slopes (degrees), pull, shares within 1 and 2 sigmas.
+@dataclass(frozen=True)
+class Errors:
+    """Errors of surfaces: heights and wavelengths in metres, slopes in degrees."""
 
-    `surfaces` are maplets, each with its true heights.
-    """
-    inner = slice(EDGE, -EDGE)
-    heights, slopes, pulls = [], [], []
-    for surface, truth in surfaces:
-        gsd = surface.grid.gsd
-        heights.append((surface.height - truth)[inner, inner].ravel())
-        wrong = np.array(slopes_of(surface.height, gsd)) - np.array(slopes_of(truth, gsd))
-        slopes.append(np.hypot(*wrong)[inner, inner].ravel())
-        pulls.append(heights[-1] / surface.sigma[inner, inner].ravel())
-    height, slope, pull = (np.concatenate(part) for part in (heights, slopes, pulls))
-    pull = pull[np.isfinite(pull)]
-    shares = [float(np.mean(np.abs(pull) < k)) if pull.size else float("nan") for k in (1, 2)]
-    spread = float(np.std(pull)) if pull.size else float("nan")
-    steep = np.degrees(np.arctan(np.sqrt(np.nanmean(slope**2))))
-    return float(np.sqrt(np.nanmean(height**2))), float(steep), spread, shares[0], shares[1]
+    heights: float
+    slopes: float
+    resolved: float
+    coherent: float
+    pull: float
+    within_one: float
+    within_two: float
+
+    @classmethod
+    def of(cls, surfaces: Sequence[tuple[Maplet, np.ndarray]]) -> Errors:
+        """Return those of maplets, each with its true heights."""
+        inner = slice(EDGE, -EDGE)
+        heights, slopes, pulls = [], [], []
+        first, _ = surfaces[0]
+        spectra = Spectra(first.grid.size - 2 * EDGE, first.grid.gsd)
+        for surface, truth in surfaces:
+            gsd = surface.grid.gsd
+            heights.append((surface.height - truth)[inner, inner].ravel())
+            wrong = np.array(slopes_of(surface.height, gsd)) - np.array(slopes_of(truth, gsd))
+            slopes.append(np.hypot(*wrong)[inner, inner].ravel())
+            pulls.append(heights[-1] / surface.sigma[inner, inner].ravel())
+            spectra.add(surface.height[inner, inner], truth[inner, inner])
+        height, slope, pull = (np.concatenate(part) for part in (heights, slopes, pulls))
+        pull = pull[np.isfinite(pull)]
+        shares = [float(np.mean(np.abs(pull) < k)) if pull.size else float("nan") for k in (1, 2)]
+        transfer = spectra.transfer()
+        return cls(
+            float(np.sqrt(np.nanmean(height**2))),
+            float(np.degrees(np.arctan(np.sqrt(np.nanmean(slope**2))))),
+            transfer.half_power,
+            transfer.half_coherence,
+            float(np.std(pull)) if pull.size else float("nan"),
+            *shares,
+        )
+
+
+COLUMNS = [field.name for field in fields(Errors)]
 
 
 def compared(root: Path, names: list[str], seed: int) -> Iterator[str]:
@@ -121,8 +144,8 @@ def compared(root: Path, names: list[str], seed: int) -> Iterator[str]:
     yield f"{len(names)} solved by images alone"
     body = TruthBody(settings.body)
 
-    def judged(surfaces: Iterable[Maplet]) -> tuple[float, float, float, float, float]:
-        return errors(
+    def judged(surfaces: Iterable[Maplet]) -> Errors:
+        return Errors.of(
             [(one, heights_in_frame(body, one.grid, settings.to_spc)) for one in surfaces]
         )
 
@@ -141,14 +164,16 @@ def compared(root: Path, names: list[str], seed: int) -> Iterator[str]:
         outcomes = made.read_json("photoclinometry.json")["outcomes"]
         rows[title] = judged(made.maplet(name) for name in names)
         yield f"  {title}: {json.dumps(outcomes)}"
-    yield f"{'':18}{'heights':>9}{'slopes':>8}{'pull':>7}{'1 sigma':>9}{'2 sigma':>9}"
-    for title, (height, slope, pull, one, two) in rows.items():
-        yield f"{title:18}{height:9.3f}{slope:8.2f}{pull:7.2f}{one:9.2f}{two:9.2f}"
+    yield f"{'':18}" + "".join(f"{name.replace('_', ' '):>11}" for name in COLUMNS)
+    for title, row in rows.items():
+        values = (getattr(row, name) for name in COLUMNS)
+        yield f"{title:18}" + "".join(f"{value:11.3f}" for value in values)
     both, alone, fused = (
         rows[title] for title in ("images, returns", "images alone", "fused maplets")
     )
-    for what, k in (("heights", 0), ("slopes", 1)):
-        ratio = both[k] / min(alone[k], fused[k])
+    for what in ("heights", "slopes", "resolved", "coherent"):
+        better = np.fmin(getattr(alone, what), getattr(fused, what))
+        ratio = getattr(both, what) / better
         yield f"{what} with both over the better of images and lidar: {ratio:.2f} (goal 0.75)"
 
 

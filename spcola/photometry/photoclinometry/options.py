@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,6 +48,12 @@ class PhotoclinometryOptions:
         pixels: errors of the camera.
     slope_sigma : float
         Expected standard deviation of the slope of a cell about that of the start surface.
+    slope_loss_scale : float
+        Departure from the slope of the start, in `slope_sigma`, at which this prior has half of its
+        weight: sides of boulders that the start does not have are steep.
+    slope_error_factor : float
+        Factor on `slope_sigma` in sigmas: along a direction that images do not determine, slopes
+        err alike in neighbouring cells, so that their errors do not average out.
     twist_sigma : float
         Expected standard deviation of ``(h00 − h01 − h10 + h11) / gsd`` of a cell's four corners,
         which its slopes do not contain. Where single points constrain a cell it is 0.12 at most.
@@ -109,6 +115,8 @@ class PhotoclinometryOptions:
     contrast_sigma: float = 0.035
     shift_sigma_px: float = 0.05
     slope_sigma: float = 0.3
+    slope_loss_scale: float = 1.0
+    slope_error_factor: float = 2.0
     twist_sigma: float = 0.35
     least_error: float = 0.01
     least_brightness: float = 1.0
@@ -130,12 +138,24 @@ class PhotoclinometryOptions:
         """What is expected of the albedo."""
         return AlbedoPrior(self.albedo_sigma, self.albedo_step_sigma)
 
+    @property
+    def in_sigmas(self) -> PhotoclinometryOptions:
+        """These options with the prior of slopes that counts in sigmas."""
+        factor = self.slope_error_factor
+        return replace(
+            self,
+            slope_sigma=factor * self.slope_sigma,
+            slope_loss_scale=self.slope_loss_scale / factor,
+            slope_error_factor=1.0,
+        )
+
     def __post_init__(self) -> None:
         for name in (
             "albedo_sigma", "albedo_step_sigma", "gradient_sigma", "contrast_sigma",
-            "shift_sigma_px", "slope_sigma", "twist_sigma", "least_error", "least_brightness",
-            "loss_scale", "determined_sigma", "error_factor", "bend_sigma", "top_sigma",
-            "relief_albedo_sigma", "settled_gsd", "settled_albedo",
+            "shift_sigma_px", "slope_sigma", "slope_loss_scale", "slope_error_factor",
+            "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
+            "error_factor", "bend_sigma", "top_sigma", "relief_albedo_sigma", "settled_gsd",
+            "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -128,6 +128,8 @@ class Photoclinometry:
         Of ∂h/∂x and ∂h/∂y of the heights, by images, stereo and constraints; NaN where one of the
         four heights is unknown, or they are those of the start.
     albedo_sigma : (R − 1, C − 1) ndarray
+        NaN where high images determine the albedo less than a prior of `albedo_sigma` does, such as
+        in shadow: the albedo of the maplet is that of the ground around there, or of the start.
     images : tuple of ImageFit
     rounds : tuple of Round
     outcome : Outcome
@@ -160,7 +162,7 @@ class Photoclinometry:
 
     @property
     def point_albedo_sigma(self) -> FloatArray:
-        """Sigma (R, C) of the albedo of points: means of their cells."""
+        """Sigma (R, C) of the albedo of points: means of those of their cells that are known."""
         return at_cells(np.pad(self.albedo_sigma, 1, mode="edge"))
 
     @property

@@ -126,7 +126,8 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     known |= touched
     trusted = reduced.of_cells(directions == 2)
     farthest = _UNKNOWN_MEAN * fit.surface.gsd
-    equations = height_equations(trusted, fit.surface, fit.priors, options, most_m=farthest)
+    wider = options.in_sigmas
+    equations = height_equations(trusted, fit.surface, fit.priors, wider, most_m=farthest)
     posterior = equations.posterior(contrast, options.contrast_sigma)
     bend, top = _bend_errors(fit)
     height_sigma = np.sqrt(posterior.heights() + bend**2 + top**2)
@@ -143,7 +144,11 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     # What the grid does not resolve is independent at the four points of a cell.
     slope_variance = posterior.slopes(gsd) + at_cells(bend**2) / gsd**2
     slope_sigma = np.where(sloped, np.sqrt(slope_variance), np.nan)
-    albedo_sigma = options.convention.stated(albedo_sigma_of(reduced, posterior, options))
+    albedo_sigma = albedo_sigma_of(reduced, posterior, options)
+    # Images count less than a prior of `albedo_sigma`: unknown, as on fixed topography.
+    by_images = reduced.albedo.weight - expected.information
+    albedo_sigma[by_images < options.albedo_sigma**-2.0] = np.nan
+    albedo_sigma = options.convention.stated(albedo_sigma)
     return Photoclinometry(
         maplet, directions, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome, reason,
         fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints),
@@ -168,7 +173,7 @@ def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Phot
         fit.start,
         np.zeros((cells, cells), dtype=np.int8),
         np.full((2, cells, cells), np.nan),
-        fit.options.convention.stated(np.full((cells, cells), fit.options.albedo_sigma)),
+        np.full((cells, cells), np.nan),
         fits,
         tuple(fit.rounds),
         outcome,

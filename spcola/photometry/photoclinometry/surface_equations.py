@@ -257,11 +257,13 @@ def height_equations(
     constraints has no brightness gradient that would determine it, and it would go anywhere.
     """
     cells, height, gsd = reduced.cells, surface.height, surface.gsd
-    weight = options.slope_sigma**-2
+    away = priors.slopes - surface.slopes
+    most = options.slope_loss_scale * options.slope_sigma
+    weight = options.slope_sigma**-2 / (1.0 + np.sum(away**2, axis=0) / most**2)
     normal, right = cells.normal.copy(), cells.right.copy()
     normal[0] += weight
     normal[3] += weight
-    right[:2] += weight * (priors.slopes - surface.slopes)
+    right[:2] += weight * away
     twist = _twist_information(priors.points, options.twist_sigma, gsd)
     pull = np.zeros(height.shape)
     _add_twist(pull, -twist * _twist(height))
