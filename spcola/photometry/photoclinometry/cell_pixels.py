@@ -370,3 +370,29 @@ def _fill_factors(totals: FloatArray, rows: FloatArray, i: int, factors: AnyArra
         row = _IN_FACTORS[k]
         for j in range(cells):
             factors[k, i, j] = root[j] * rows[row, j]
+
+
+@compiled_sums
+def multiply_nuisances(factors: AnyArray, normal: FloatArray) -> None:
+    """Fill `normal` (K, 6, 6): normal matrices of the nuisance parameters of K images.
+
+    `factors` (K, 8, R − 1, C − 1) are those of :func:`gather_cells`, 0 in cells that do not count.
+    """
+    down, cells = factors.shape[2:]
+    rows = np.empty((WITH_CONTRAST, cells))
+    for k in range(factors.shape[0]):
+        normal[k] = 0.0
+        for i in range(down):
+            for a in range(WITH_CONTRAST):
+                own = factors[k, UNKNOWNS + max(a - 2, 0), i]
+                for j in range(cells):
+                    rows[a, j] = own[j]
+            for j in range(cells):
+                rows[1, j] *= cell_offset(j, cells)
+                rows[2, j] *= cell_offset(i, down)
+            for a in range(WITH_CONTRAST):
+                for b in range(WITH_CONTRAST):
+                    product = 0.0
+                    for j in range(cells):
+                        product += rows[a, j] * rows[b, j]
+                    normal[k, a, b] += product

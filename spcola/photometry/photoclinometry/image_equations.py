@@ -15,6 +15,7 @@ from spcola.photometry.photoclinometry.cell_pixels import (
     WITH_CONTRAST,
     box_cells,
     gather_cells,
+    multiply_nuisances,
     shade_cells,
     sharpen_cells,
     spread_cells,
@@ -210,13 +211,14 @@ class Sums:
         """Right-hand sides (4, R − 1, C − 1)."""
         return self.own[-UNKNOWNS:]
 
-    def weakened(self, factor: float) -> Sums:
-        """Return the sums where all errors of brightness are larger by a factor."""
-        share = factor**-2
-        factors = self.factors.copy()
-        # One of the two factors of each product.
-        factors[:, :UNKNOWNS] *= np.float32(share)
-        return Sums(share * self.own, factors, share * self.nuisance)
+    def of_cells(self, chosen: BoolArray) -> Sums:
+        """Return the sums over chosen cells (R − 1, C − 1) alone, for covariances.
+
+        Right-hand sides of the nuisance parameters, which are not known by cell, are NaN.
+        """
+        factors, nuisance = self.factors * chosen, np.full_like(self.nuisance, np.nan)
+        multiply_nuisances(factors, nuisance[..., :-1])
+        return Sums(self.own * chosen, factors, nuisance)
 
 
 def add_image(

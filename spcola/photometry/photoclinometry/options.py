@@ -73,9 +73,6 @@ class PhotoclinometryOptions:
         Elevation of the Sun below which an image does not count in sigmas, or as determining a
         slope. Shadows hide one side of the relief in it, so that its errors are common to many
         cells.
-    error_factor : float
-        Factor on the errors of brightness in sigmas: relief that the grid does not resolve is
-        common to all images, so that their errors do not average out as if they were independent.
     bend_sigma : float
         Standard deviation of the error of heights, of the bending of the surface around (m): edges
         and tops of boulders that the grid does not resolve.
@@ -116,14 +113,13 @@ class PhotoclinometryOptions:
     shift_sigma_px: float = 0.05
     slope_sigma: float = 0.3
     slope_loss_scale: float = 1.0
-    slope_error_factor: float = 2.0
+    slope_error_factor: float = 1.75
     twist_sigma: float = 0.35
     least_error: float = 0.01
     least_brightness: float = 1.0
     loss_scale: float = 3.0
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
-    error_factor: float = 1.1
     bend_sigma: float = 0.14
     top_sigma: float = 0.45
     relief_albedo_sigma: float = 0.01
@@ -154,7 +150,7 @@ class PhotoclinometryOptions:
             "albedo_sigma", "albedo_step_sigma", "gradient_sigma", "contrast_sigma",
             "shift_sigma_px", "slope_sigma", "slope_loss_scale", "slope_error_factor",
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
-            "error_factor", "bend_sigma", "top_sigma", "relief_albedo_sigma", "settled_gsd",
+            "bend_sigma", "top_sigma", "relief_albedo_sigma", "settled_gsd",
             "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)

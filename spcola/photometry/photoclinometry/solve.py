@@ -109,7 +109,6 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     fits = fit.image_fits()
     options = fit.options
     sums = fit.sums(least_elevation=np.radians(options.least_elevation_deg))
-    sums = sums.weakened(options.error_factor)
     before, prior, contrast = with_contrast(
         nuisance_values(fit.states), fit.known, options.contrast_sigma
     )
@@ -124,7 +123,8 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     known = np.any([fit.start.valid, *(one.weight > 0.0 for one in fit.constraints)], axis=0)
     touched = at_cells(np.pad(directions.astype(np.float64), 1)) > 0.0
     known |= touched
-    trusted = reduced.of_cells(directions == 2)
+    # Others must not determine the images' parameters either, as if their surface were known.
+    trusted = reduce_albedo(sums.of_cells(directions == 2), fit.surface, before, prior, expected)
     farthest = _UNKNOWN_MEAN * fit.surface.gsd
     wider = options.in_sigmas
     equations = height_equations(trusted, fit.surface, fit.priors, wider, most_m=farthest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -47,8 +47,6 @@ class Reduced:
         albedo changes with them.
     albedo : AlbedoEquations
         Prior included.
-    factors : (K, 8, R − 1, C − 1) ndarray of float32
-        Of K images, as :class:`Sums` has them.
     gsd : float
         Metres.
     """
@@ -56,16 +54,7 @@ class Reduced:
     cells: CellInformation
     by_albedo: FloatArray
     albedo: AlbedoEquations
-    factors: AnyArray
     gsd: float
-
-    def of_cells(self, chosen: BoolArray) -> Reduced:
-        """Return the equations without the information of cells (R − 1, C − 1) not chosen."""
-        own = self.cells
-        coupled = np.zeros_like(own.coupled)
-        _couple(self.factors, self.by_albedo, chosen, self.gsd, coupled)
-        cells = replace(own, normal=own.normal * chosen, right=own.right * chosen, coupled=coupled)
-        return replace(self, cells=cells)
 
 
 def reduce_albedo(
@@ -97,29 +86,27 @@ def reduce_albedo(
     own = alone.nuisance, alone.nuisance_right
     nuisance, nuisance_right = with_priors(own, before, known)
     coupled = np.zeros((len(nuisance), *surface.height.shape), dtype=np.float32)
-    every = np.ones(surface.albedo.shape, dtype=np.bool_)
-    _couple(sums.factors, by_albedo, every, surface.gsd, coupled)
+    _couple(sums.factors, by_albedo, surface.gsd, coupled)
     cells = CellInformation(normal, right, coupled, nuisance, nuisance_right)
-    return Reduced(cells, by_albedo, alone, sums.factors, surface.gsd)
+    return Reduced(cells, by_albedo, alone, surface.gsd)
 
 
 @compiled
-def _couple(
-    factors: AnyArray, by_albedo: FloatArray, chosen: BoolArray, gsd: float, out: AnyArray
-) -> None:
+def _couple(factors: AnyArray, by_albedo: FloatArray, gsd: float, out: AnyArray) -> None:
     """Add to `out` (P, R, C) the products of heights with the nuisance parameters of K images.
 
-    Those of the slopes and mean heights of the chosen cells, without their albedo, are taken to
-    their corners.
+    Those of the slopes and mean heights of the cells, without their albedo, are taken to their
+    corners.
     """
-    cells, count = chosen.shape[1], out.shape[0] // max(factors.shape[0], 1)
+    _, down, cells = by_albedo.shape
+    count = out.shape[0] // max(factors.shape[0], 1)
     # One number on either side of those of the cells stays 0: points at the edge have one cell.
     corners, extra = np.zeros((4, cells + 2)), np.zeros((WITH_CONTRAST, cells + 2))
     for k in range(factors.shape[0]):
         own = factors[k]
-        for i in range(chosen.shape[0]):
-            _take_to_corners(own, by_albedo, chosen, (i, gsd), corners)
-            along_y = cell_offset(i, chosen.shape[0])
+        for i in range(down):
+            _take_to_corners(own, by_albedo, (i, gsd), corners)
+            along_y = cell_offset(i, down)
             for b in range(count):
                 factor = UNKNOWNS + max(b - 2, 0)
                 for j in range(cells):
@@ -139,11 +126,7 @@ def _couple(
 
 @compiled
 def _take_to_corners(
-    own: AnyArray,
-    by_albedo: FloatArray,
-    chosen: BoolArray,
-    place: tuple[int, float],
-    corners: FloatArray,
+    own: AnyArray, by_albedo: FloatArray, place: tuple[int, float], corners: FloatArray
 ) -> None:
     """Fill `corners` (4, C + 1): derivatives by the heights of the corners of a row of cells.
 
@@ -151,11 +134,11 @@ def _take_to_corners(
     """
     i, gsd = place
     half = 0.5 / gsd
-    for j in range(chosen.shape[1]):
+    for j in range(by_albedo.shape[2]):
         albedo = np.float64(own[UNKNOWNS - 1, i, j])
-        x = half * (own[0, i, j] - by_albedo[0, i, j] * albedo) * chosen[i, j]
-        y = half * (own[1, i, j] - by_albedo[1, i, j] * albedo) * chosen[i, j]
-        h = 0.25 * (own[2, i, j] - by_albedo[2, i, j] * albedo) * chosen[i, j]
+        x = half * (own[0, i, j] - by_albedo[0, i, j] * albedo)
+        y = half * (own[1, i, j] - by_albedo[1, i, j] * albedo)
+        h = 0.25 * (own[2, i, j] - by_albedo[2, i, j] * albedo)
         corners[0, j + 1], corners[1, j + 1] = h - x - y, h + x - y
         corners[2, j + 1], corners[3, j + 1] = h - x + y, h + x + y
 

@@ -9,6 +9,7 @@ from spcola.photometry.functions import PHOTOMETRIC_FUNCTIONS, photometric_funct
 from spcola.photometry.photoclinometry.cell_pixels import (
     box_cells,
     gather_cells,
+    multiply_nuisances,
     shade_cells,
     sharpen_cells,
     spread_cells,
@@ -181,3 +182,6 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
     assert nuisance[0, 6] == pytest.approx(np.sum(left))
     # Brightness added to every pixel.
     assert nuisance[5, 6] == pytest.approx(0.7 * np.sum(left))
+    again = np.empty((1, 6, 6))
+    multiply_nuisances(factors[None], again)
+    np.testing.assert_allclose(again[0], nuisance[:, :6], rtol=1e-10, atol=1e-12)
