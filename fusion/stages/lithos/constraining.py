@@ -25,6 +25,8 @@ from spcola.shape import RayCaster, shape_heights
 
 # Points of a shape, and of a maplet, that share one error; of a coarser one, its own points.
 _COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
+# Least sigma of a shape, GSDs, however well images agree with it: it may be made of the same ones.
+_LEAST_SHAPE_SIGMA = 0.2
 # Sigmas of the shape that a limb may lie from the shape's.
 _FARTHEST = 3.0
 # Sigma of the heights of a maplet that states none, grid steps.
@@ -128,9 +130,7 @@ class ConstrainingHeights:
         grid, slope_sigma = start.grid, self.options.photoclinometry.slope_sigma
         found = list[HeightConstraint | None]()
         if self.shape is not None:
-            sigma = self.options.shape_sigma_m or grid.gsd
-            heights = shape_heights(self.shape, grid, reach=grid.radius)
-            found.append(HeightConstraint.of_sigma("shape", heights, sigma, common=_COMMON_SHAPE))
+            found.append(self._of_shape(self.shape, grid))
         found += self._maplets(start)
         if self.scene is not None:
             found.append(_of_mapolas(self.scene, start.name, grid))
@@ -140,6 +140,13 @@ class ConstrainingHeights:
             found.append(self.limbs.constraint(start, slope_sigma))
         found += [map_.constraint(start) for map_ in self.maps]
         return tuple(one for one in found if one is not None)
+
+    def _of_shape(self, shape: RayCaster, grid: MapletGrid) -> HeightConstraint:
+        """Return those of the shape; without a sigma in the options, one that images lower."""
+        sigma = self.options.shape_sigma_m
+        heights = shape_heights(shape, grid, reach=grid.radius)
+        found = HeightConstraint.of_sigma("shape", heights, sigma or grid.gsd, common=_COMMON_SHAPE)
+        return found if sigma else replace(found, least_sigma=_LEAST_SHAPE_SIGMA * grid.gsd)
 
     def _maplets(self, start: Maplet) -> list[HeightConstraint]:
         """Return those of the maplets that overlap it, of the kinds that are asked for."""

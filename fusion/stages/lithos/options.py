@@ -146,6 +146,7 @@ class LithosOptions:
                 albedo_step_sigma=table.albedo_step_sigma,
                 convention=albedo_convention(table),
                 slope_sigma=table.slope_sigma,
+                independent_start=start == "shape",
                 constraint_fraction=table.constraint_fraction,
                 seed=table.seed,
                 stereo=table.stereo,

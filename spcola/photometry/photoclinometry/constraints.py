@@ -71,11 +71,15 @@ class HeightConstraint:
     blur : (R, C) ndarray, optional
         Variance along each axis of what each height is a mean over, m²: a²/12 of a square of side
         a. Without it they are heights at the points.
+    least_sigma : float
+        If positive, the sigma of the heights is not known, and `weight` is that of the largest
+        which is possible: before the finest level it becomes the one that images show
+        (:meth:`as_seen`), and this, metres, at least.
 
     Raises
     ------
     InvalidValueError
-        If shapes differ, or a weight, the shared sigma or a blur is negative or not finite.
+        If shapes differ, or a weight, a sigma or a blur is negative or not finite.
     """
 
     name: str
@@ -86,6 +90,7 @@ class HeightConstraint:
     left_out: int = 0
     shared_sigma: float = 0.0
     blur: FloatArray | None = None
+    least_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         height = frozen(self.height, (None, None), f"heights of {self.name}")
@@ -93,8 +98,9 @@ class HeightConstraint:
         check_shape(weight, height.shape, f"weights of {self.name}")
         if np.isinf(height).any() or not ((weight >= 0) & (weight < np.inf)).all():
             raise InvalidValueError("contains an infinite height or a wrong weight", self.name)
-        if not 0.0 <= self.shared_sigma < np.inf:
-            raise InvalidValueError("has a wrong shared sigma", self.name)
+        for name in ("shared_sigma", "least_sigma"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise InvalidValueError(f"has a wrong {name.replace('_', ' ')}", self.name)
         if self.blur is not None:
             blur = frozen(self.blur, height.shape, f"blur of {self.name}")
             if not ((blur >= 0.0) & (blur < np.inf)).all():
@@ -183,6 +189,21 @@ class HeightConstraint:
         return replace(
             chosen, points=self.points.subset(generator.random(len(self.points)) < fraction)
         )
+
+    def as_seen(self, away: FloatArray) -> HeightConstraint:
+        """Return the same with the sigma that its distances from known heights show.
+
+        It is between `least_sigma` and that of the weights.
+
+        Parameters
+        ----------
+        away : (N,) ndarray
+            How far its heights lie above those that images determine, metres.
+        """
+        known = self.weight > 0.0
+        assumed = float(np.median(self.weight[known] * self.common)) ** -0.5
+        seen = max(float(np.sqrt(np.mean(away**2))), self.least_sigma)
+        return replace(self, weight=self.weight * max(assumed / seen, 1.0) ** 2)
 
     def fit(self, maplet: Maplet) -> ConstraintFit:
         """Return how far its heights lie from those of a maplet on its grid.

@@ -51,9 +51,14 @@ class PhotoclinometryOptions:
     slope_loss_scale : float
         Departure from the slope of the start, in `slope_sigma`, at which this prior has half of its
         weight: sides of boulders that the start does not have are steep.
+    independent_start : bool
+        Whether the start owes nothing to these images, as the shape of another source: then how
+        far the solved heights depart from it shows how wrong its slopes are, and in sigmas
+        `slope_sigma` is that departure over the GSD.
     slope_error_factor : float
-        Factor on `slope_sigma` in sigmas: along a direction that images do not determine, slopes
-        err alike in neighbouring cells, so that their errors do not average out.
+        Factor on `slope_sigma` in sigmas where the departure is not known: along a direction that
+        images do not determine, slopes err alike in neighbouring cells, so that their errors do
+        not average out.
     twist_sigma : float
         Expected standard deviation of ``(h00 − h01 − h10 + h11) / gsd`` of a cell's four corners,
         which its slopes do not contain. Where single points constrain a cell it is 0.12 at most.
@@ -113,6 +118,7 @@ class PhotoclinometryOptions:
     shift_sigma_px: float = 0.05
     slope_sigma: float = 0.3
     slope_loss_scale: float = 1.0
+    independent_start: bool = False
     slope_error_factor: float = 1.75
     twist_sigma: float = 0.35
     least_error: float = 0.01
@@ -134,16 +140,22 @@ class PhotoclinometryOptions:
         """What is expected of the albedo."""
         return AlbedoPrior(self.albedo_sigma, self.albedo_step_sigma)
 
-    @property
-    def in_sigmas(self) -> PhotoclinometryOptions:
-        """These options with the prior of slopes that counts in sigmas."""
-        factor = self.slope_error_factor
-        return replace(
-            self,
-            slope_sigma=factor * self.slope_sigma,
-            slope_loss_scale=self.slope_loss_scale / factor,
-            slope_error_factor=1.0,
-        )
+    def in_sigmas(self, departure: float) -> PhotoclinometryOptions:
+        """Return these options with the prior of slopes that counts in sigmas.
+
+        Parameters
+        ----------
+        departure : float
+            Root mean square of the departure of heights from the start, GSDs; NaN if not known.
+            On a grid of 99 × 99 points independent slopes of cells of a sigma s add up to heights
+            of s GSD about their mean.
+        """
+        wider = departure
+        if not np.isfinite(departure):
+            wider = self.slope_error_factor * self.slope_sigma
+        # Steep slopes count as little as they do in the solution.
+        least = self.slope_loss_scale * self.slope_sigma / wider
+        return replace(self, slope_sigma=wider, slope_loss_scale=least)
 
     def __post_init__(self) -> None:
         for name in (

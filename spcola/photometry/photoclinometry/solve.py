@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spcola.arrays import FloatArray
+from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError
 from spcola.grids import Maplet
@@ -105,7 +105,6 @@ def solve_photoclinometry(
 
 def _result(fit: SurfaceFit) -> Photoclinometry:
     """Judge the fits, and return the surface, or the start if it was better."""
-    assert fit.priors is not None
     fits = fit.image_fits()
     options = fit.options
     sums = fit.sums(least_elevation=np.radians(options.least_elevation_deg))
@@ -126,8 +125,9 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     # Others must not determine the images' parameters either, as if their surface were known.
     trusted = reduce_albedo(sums.of_cells(directions == 2), fit.surface, before, prior, expected)
     farthest = _UNKNOWN_MEAN * fit.surface.gsd
-    wider = options.in_sigmas
-    equations = height_equations(trusted, fit.surface, fit.priors, wider, most_m=farthest)
+    wider = options.in_sigmas(_departure(fit, directions))
+    counted = fit.priors_in_sigmas()
+    equations = height_equations(trusted, fit.surface, counted, wider, most_m=farthest)
     posterior = equations.posterior(contrast, options.contrast_sigma)
     bend, top = _bend_errors(fit)
     height_sigma = np.sqrt(posterior.heights() + bend**2 + top**2)
@@ -153,6 +153,24 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
         maplet, directions, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome, reason,
         fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints),
     )  # fmt: skip
+
+
+def _departure(fit: SurfaceFit, directions: AnyArray) -> float:
+    """Return the rms departure of heights from the start about its mean, GSDs; NaN if not known.
+
+    It is that of points around which images determine both directions of the slope. If these are
+    few, it is that of points with one direction, where half of the departure's square is seen.
+    """
+    if not fit.options.independent_start:
+        return float("nan")
+    away = (fit.surface.height - fit.start.height) / fit.surface.gsd
+    for least, unseen in ((2, 1.0), (1, 2.0)):
+        around = at_cells(np.pad((directions >= least).astype(np.float64), 1)) == 1.0
+        seen = away[around & fit.start.valid]
+        if seen.size >= LEAST_DETERMINED * away.size:
+            # Heights are settled to no better than this.
+            return max(float(np.sqrt(unseen * np.var(seen))), fit.options.settled_gsd)
+    return float("nan")
 
 
 def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera import SpcImage
 from spcola.grids import Maplet, MapletGrid
 from spcola.grids.gaps import filled
@@ -17,6 +17,7 @@ from spcola.math.robust import known_median, mad
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.cell_pixels import NUISANCES
 from spcola.photometry.photoclinometry.constraints import (
+    GridHeights,
     HeightConstraint,
     constrained_points,
     gathered,
@@ -28,7 +29,7 @@ from spcola.photometry.photoclinometry.image_window import (
     open_ground,
     window_over,
 )
-from spcola.photometry.photoclinometry.judging import image_fits
+from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, image_fits
 from spcola.photometry.photoclinometry.nuisances import (
     changed_state,
     nuisance_priors,
@@ -42,6 +43,7 @@ from spcola.photometry.photoclinometry.surface_equations import (
     Priors,
     Reduced,
     changed_albedo,
+    determined_directions,
     height_equations,
     reduce_albedo,
 )
@@ -54,6 +56,9 @@ _MOST_RISE = 3.0
 # and would never rise. In the first round of the finest level the loss is so many times as wide, in
 # each further one by this factor less, down to its own width. Coarser ones do not resolve boulders.
 _WIDE, _NARROWER = 4.0, 0.7
+# How many times as many points share an error of a shape as in the solution, which is better with
+# its long waves, where such errors are small.
+_MORE_COMMON = 4.0
 
 
 @dataclass(eq=False)
@@ -81,6 +86,8 @@ class SurfaceFit:
         Those done.
     before : list of float
         Residual of each image before the first round; NaN where it does not show the grid.
+    directions : (R − 1, C − 1) ndarray of int8
+        In how many directions images determined the slopes of the cells in the last round.
     priors : Priors, optional
         On the grid of the level.
     light_ratio : float
@@ -100,6 +107,7 @@ class SurfaceFit:
     windows: list[ImageWindow | None]
     rounds: list[Round]
     before: list[float]
+    directions: AnyArray
     priors: Priors | None = None
     light_ratio: float = float("nan")
 
@@ -133,6 +141,7 @@ class SurfaceFit:
             start, images, constraints, secondary, options, known,
             [(np.minimum(seen, within), lit) for seen, lit in opened],
             coarsest, surface, [ImageState.unknown() for _ in images], [], [], [],
+            np.zeros(albedo.shape, dtype=np.int8),
         )  # fmt: skip
         fit.windows = fit.cut(grid, surface.height)
         fit.before = [one.residual for one in fit.image_fits()]
@@ -226,11 +235,39 @@ class SurfaceFit:
     def enter(self, factor: int) -> None:
         """Go on with a level of a GSD that is `factor` times the grid's."""
         whole = self.start.grid
+        if factor == 1 and self.rounds:
+            self.constraints = tuple(
+                self.as_seen(one) if one.least_sigma else one for one in self.constraints
+            )
         grid = whole if factor == 1 else whole.with_gsd(factor * whole.gsd)
         self.surface = self.surface.on(grid)
         slopes = cell_slopes(resampled_points(filled(self.start.height), whole, grid), grid.gsd)
         self.priors = Priors(slopes, *gathered(self.constraints, whole, grid))
         self.windows = self.cut(grid, self.surface.height)
+
+    def as_seen(self, constraint: HeightConstraint) -> HeightConstraint:
+        """Return heights of unknown sigma with the one that the surface of the level shows.
+
+        Points count around which images determine both directions of the slope.
+        """
+        seen = at_cells(np.pad((self.directions == 2).astype(np.float64), 1)) == 1.0
+        heights = GridHeights.of([constraint], self.start.grid, self.surface.grid)
+        seen &= heights.weight > 0.0
+        if np.mean(seen) < LEAST_DETERMINED:
+            return constraint
+        return constraint.as_seen(heights.above(self.surface.height)[seen])
+
+    def priors_in_sigmas(self) -> Priors:
+        """Return what counts in sigmas: heights whose sigma images showed weigh less.
+
+        Errors of a shape are common to more points than the solution assumes.
+        """
+        assert self.priors is not None
+        counted = tuple(
+            replace(one, weight=one.weight / _MORE_COMMON) if one.least_sigma else one
+            for one in self.constraints
+        )
+        return Priors(self.priors.slopes, *gathered(counted, self.start.grid, self.surface.grid))
 
     def sums(self, *, least_elevation: float = 0.0, widened: float = 1.0) -> Sums:
         """Return the normal equations of images with the Sun at least so high (rad), summed.
@@ -271,6 +308,7 @@ class SurfaceFit:
         surface, options, priors = self.surface, self.options, self.round_priors()
         reduced = self.reduced(widened)
         most = _MOST_RISE * surface.gsd
+        self.directions = determined_directions(reduced, options.determined_sigma)
         equations = height_equations(reduced, surface, priors, options, most_m=most)
         rise, nuisance = equations.solve()
         albedo = changed_albedo(reduced, surface, rise, nuisance, options.convention)

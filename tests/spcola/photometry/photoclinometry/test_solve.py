@@ -279,6 +279,45 @@ def test_images_in_one_light_determine_one_direction_of_the_slope(painted, photo
     assert np.median(inner(many.directions)) == 2
 
 
+def test_the_departure_from_an_independent_start_shows_how_wrong_its_slopes_are(painted):
+    light = [0.7, 0.0, 0.7]
+    images = [
+        painted.photograph(f"S{k}", toward, light, size=90)
+        for k, (toward, _) in enumerate(SIGHTS[:3])
+    ]
+    truth, options = painted.heights(), replace(FEW_ROUNDS, contrast_sigma=1e-6)
+    independent = replace(options, independent_start=True)
+
+    def sigma_of(share, given):
+        start = Maplet("START", painted.grid, truth * share)
+        found = solve_photoclinometry(
+            start, images, known_states(images), constraints=[one_height(painted)], options=given
+        )
+        return np.median(found.maplet.sigma)
+
+    # Across the light nothing else is known: a start half as wrong leaves sigmas half as large.
+    assert sigma_of(0.5, independent) / sigma_of(0.0, independent) == pytest.approx(0.5, abs=0.1)
+    # A surface that was solved from the same images agrees with them, and proves nothing.
+    assert sigma_of(0.999, options) == pytest.approx(sigma_of(0.5, options), rel=0.05)
+
+
+@pytest.mark.parametrize("error", [0.05, 0.3, 5.0])
+def test_images_show_the_sigma_of_heights_of_unknown_sigma(painted, photographs, error):
+    grid, largest, least = painted.grid, 1.0, 0.2
+    errors = ndimage.gaussian_filter(np.random.default_rng(5).normal(size=grid.shape), 3.0)
+    heights = painted.heights() + error * errors / np.std(errors)
+    assumed = HeightConstraint.of_sigma("shape", heights, largest, common=100.0)
+    unknown = replace(assumed, least_sigma=least)
+    at_first, seen = (
+        solved(painted, photographs, FEW_ROUNDS, constraints=[one]).constraints[0]
+        for one in (assumed, unknown)
+    )
+    # The residual over its sigma is that of the largest sigma, times how much it was lowered.
+    lowered = largest / np.clip(error, least, largest)
+    assert seen.ratio / at_first.ratio == pytest.approx(lowered, rel=0.1)
+    assert seen.residual_m == pytest.approx(at_first.residual_m, rel=0.1)
+
+
 def test_a_direction_of_the_sun_with_its_sign_flipped_is_named(painted, photographs):
     flipped = replace(
         photographs[0],
