@@ -73,7 +73,8 @@ class LithosCommandOptions:
             metavar="METRES",
             min=1e-6,
             max=1e5,
-            help="Sigma of the shape's heights, [lithos] shape_sigma_m: else the GSD of a maplet.",
+            help="Sigma of the shape's heights, [lithos] shape_sigma_m. Else images show it, the "
+            "GSD of a maplet at most.",
         ),
     ] = None
     map: Annotated[

@@ -62,7 +62,8 @@ class LithosOptions:
         Heights and albedo of the first round: the solution's maplet, or its shape with albedo 1.
     constraints : tuple of ConstraintKind
     shape_sigma_m : float, optional
-        One standard deviation of the shape's heights, metres; the GSD of a maplet if not given.
+        One standard deviation of the shape's heights, metres. If not given, images show it: the GSD
+        of a maplet at most, a fifth of it at least.
     maps : tuple of Path
         Files of `MAPS`.
     map_sigma_m : float, optional

@@ -107,7 +107,9 @@ class LithosSettings(Table):
         "themselves, the shape's limbs in images, maps",
     )
     shape_sigma_m: SigmaOrNone = Field(
-        default=0.0, description="sigma of the shape's heights; 0: the GSD of a maplet"
+        default=0.0,
+        description="sigma of the shape's heights; 0: found from images, the GSD of a maplet at "
+        "most",
     )
     maps: list[Text] = Field(
         default=[],
