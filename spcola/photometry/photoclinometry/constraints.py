@@ -79,7 +79,8 @@ class HeightConstraint:
     Raises
     ------
     InvalidValueError
-        If shapes differ, or a weight, a sigma or a blur is negative or not finite.
+        If shapes differ, a weight, a sigma or a blur is negative or not finite, or points have a
+        least sigma.
     """
 
     name: str
@@ -101,6 +102,8 @@ class HeightConstraint:
         for name in ("shared_sigma", "least_sigma"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise InvalidValueError(f"has a wrong {name.replace('_', ' ')}", self.name)
+        if self.least_sigma and self.points is not None:
+            raise InvalidValueError("has points, whose sigmas must be known", self.name)
         if self.blur is not None:
             blur = frozen(self.blur, height.shape, f"blur of {self.name}")
             if not ((blur >= 0.0) & (blur < np.inf)).all():

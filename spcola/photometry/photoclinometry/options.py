@@ -150,12 +150,12 @@ class PhotoclinometryOptions:
             On a grid of 99 × 99 points independent slopes of cells of a sigma s add up to heights
             of s GSD about their mean.
         """
-        wider = departure
+        sigma = departure
         if not np.isfinite(departure):
-            wider = self.slope_error_factor * self.slope_sigma
+            sigma = self.slope_error_factor * self.slope_sigma
         # Steep slopes count as little as they do in the solution.
-        least = self.slope_loss_scale * self.slope_sigma / wider
-        return replace(self, slope_sigma=wider, slope_loss_scale=least)
+        scale = self.slope_loss_scale * self.slope_sigma / sigma
+        return replace(self, slope_sigma=sigma, slope_loss_scale=scale)
 
     def __post_init__(self) -> None:
         for name in (

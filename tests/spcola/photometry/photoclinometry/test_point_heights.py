@@ -180,6 +180,18 @@ def test_a_shared_error_that_is_none_is_refused(shared):
         replace(heights, shared_sigma=shared)
 
 
+@pytest.mark.parametrize("least", [-0.01, np.inf, np.nan])
+def test_a_least_sigma_that_is_none_is_refused(least):
+    heights = HeightConstraint.of_sigma("shape", np.zeros(GRID.shape), 0.1)
+    with pytest.raises(InvalidValueError, match="shape: has a wrong least sigma"):
+        replace(heights, least_sigma=least)
+
+
+def test_points_of_unknown_sigma_are_refused():
+    with pytest.raises(InvalidValueError, match="returns: has points, whose sigmas must be known"):
+        replace(constraint_of("returns", GRID, points_of(20)), least_sigma=0.1)
+
+
 def test_heights_of_points_on_a_curved_surface_give_that_surface():
     """Between corners it lies up to 0.025 m above what is bilinear: points would lift it."""
     reach = 0.999 * GRID.half_size * GRID.gsd
