@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -53,8 +53,8 @@ class PhotoclinometryOptions:
         weight: sides of boulders that the start does not have are steep.
     independent_start : bool
         Whether the start owes nothing to these images, as the shape of another source: then how
-        far the solved heights depart from it shows how wrong its slopes are, and in sigmas
-        `slope_sigma` is that departure over the GSD.
+        far the solved surface departs from it shows how wrong its slopes are, in place of
+        `slope_sigma` in sigmas.
     slope_error_factor : float
         Factor on `slope_sigma` in sigmas where the departure is not known: along a direction that
         images do not determine, slopes err alike in neighbouring cells, so that their errors do
@@ -85,6 +85,8 @@ class PhotoclinometryOptions:
         The same of an error that the points of the top of a boulder have in common, where nothing
         but images shows it: the slopes of its sides are drawn to those of the start, or count as
         outliers. Of the bending beyond that of ordinary ground.
+    measured_bend_sigma, measured_top_sigma : float
+        Both where constraining heights measure the point, and the top.
     relief_albedo_sigma : float
         Standard deviation of the error of the albedo by relief that the grid does not resolve,
         relative: it darkens and brightens cells in all images alike.
@@ -127,7 +129,9 @@ class PhotoclinometryOptions:
     determined_sigma: float = 0.25
     least_elevation_deg: float = 20.0
     bend_sigma: float = 0.14
-    top_sigma: float = 0.45
+    top_sigma: float = 0.55
+    measured_bend_sigma: float = 0.09
+    measured_top_sigma: float = 0.14
     relief_albedo_sigma: float = 0.01
     constraint_fraction: float = 1.0
     seed: int = 1
@@ -140,30 +144,13 @@ class PhotoclinometryOptions:
         """What is expected of the albedo."""
         return AlbedoPrior(self.albedo_sigma, self.albedo_step_sigma)
 
-    def in_sigmas(self, departure: float) -> PhotoclinometryOptions:
-        """Return these options with the prior of slopes that counts in sigmas.
-
-        Parameters
-        ----------
-        departure : float
-            Root mean square of the departure of heights from the start, GSDs; NaN if not known.
-            On a grid of 99 × 99 points independent slopes of cells of a sigma s add up to heights
-            of s GSD about their mean.
-        """
-        sigma = departure
-        if not np.isfinite(departure):
-            sigma = self.slope_error_factor * self.slope_sigma
-        # Steep slopes count as little as they do in the solution.
-        scale = self.slope_loss_scale * self.slope_sigma / sigma
-        return replace(self, slope_sigma=sigma, slope_loss_scale=scale)
-
     def __post_init__(self) -> None:
         for name in (
             "albedo_sigma", "albedo_step_sigma", "gradient_sigma", "contrast_sigma",
             "shift_sigma_px", "slope_sigma", "slope_loss_scale", "slope_error_factor",
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
-            "bend_sigma", "top_sigma", "relief_albedo_sigma", "settled_gsd",
-            "settled_albedo",
+            "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma",
+            "relief_albedo_sigma", "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

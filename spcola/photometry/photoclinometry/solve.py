@@ -32,8 +32,8 @@ from spcola.shape import RayCaster
 
 # Sigma of a mean height that nothing determines, GSDs; without it the equations are singular.
 _UNKNOWN_MEAN = 1000.0
-# Cells from a constraining height within which it measures the top of a boulder.
-_MEASURED_CELLS = 2.0
+# Cells from a constraining height within which it measures tops of boulders and errors of slopes.
+_NEAR_CELLS = 2.0
 # Bending larger than this many medians of the grid counts as a boulder's. Errors of heights on
 # ordinary ground are those of brightness.
 _ORDINARY = 1.5
@@ -125,9 +125,8 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     # Others must not determine the images' parameters either, as if their surface were known.
     trusted = reduce_albedo(sums.of_cells(directions == 2), fit.surface, before, prior, expected)
     farthest = _UNKNOWN_MEAN * fit.surface.gsd
-    wider = options.in_sigmas(_departure(fit, directions))
-    counted = fit.priors_in_sigmas()
-    equations = height_equations(trusted, fit.surface, counted, wider, most_m=farthest)
+    counted = fit.priors_in_sigmas(_slope_sigma(fit, directions))
+    equations = height_equations(trusted, fit.surface, counted, options, most_m=farthest)
     posterior = equations.posterior(contrast, options.contrast_sigma)
     bend, top = _bend_errors(fit)
     height_sigma = np.sqrt(posterior.heights() + bend**2 + top**2)
@@ -155,21 +154,41 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     )  # fmt: skip
 
 
-def _departure(fit: SurfaceFit, directions: AnyArray) -> float:
-    """Return the rms departure of heights from the start about its mean, GSDs; NaN if not known.
+def _slope_sigma(fit: SurfaceFit, directions: AnyArray) -> FloatArray:
+    """Return the standard deviation of the slopes of cells (R − 1, C − 1) of the start.
+
+    Heights add up its errors from cell to cell as far as to the next height that is measured. There
+    it is that of single slopes, and elsewhere that of independent ones which would add up to the
+    departure of the heights: s GSD about their mean, on 99 × 99 points, with a sigma of s.
+    """
+    options = fit.options
+    assumed = np.full(directions.shape, options.slope_error_factor * options.slope_sigma)
+    if not options.independent_start:
+        return assumed
+    away = (fit.surface.height - fit.start.height) / fit.surface.gsd
+    departure = _departure(away, directions)
+    # Heights are settled to no better than this.
+    sigma = np.maximum(departure, options.settled_gsd) if np.isfinite(departure) else assumed
+    slopes = cell_slopes(away, 1.0)
+    measured = constrained_points(fit.constraints, fit.start.grid, _NEAR_CELLS)
+    near = (at_cells(measured.astype(np.float64)) == 1.0) & np.isfinite(slopes[0])
+    if np.mean(near) < LEAST_DETERMINED:
+        return np.broadcast_to(sigma, directions.shape)
+    single = float(np.sqrt(np.mean(slopes[:, near] ** 2)))
+    return np.where(near, max(single, options.settled_gsd), sigma)
+
+
+def _departure(away: FloatArray, directions: AnyArray) -> float:
+    """Return the standard deviation of heights `away` from the start, GSDs; NaN if not known.
 
     It is that of points around which images determine both directions of the slope. If these are
     few, it is that of points with one direction, where half of the departure's square is seen.
     """
-    if not fit.options.independent_start:
-        return float("nan")
-    away = (fit.surface.height - fit.start.height) / fit.surface.gsd
     for least, unseen in ((2, 1.0), (1, 2.0)):
         around = at_cells(np.pad((directions >= least).astype(np.float64), 1)) == 1.0
-        seen = away[around & fit.start.valid]
+        seen = away[around & np.isfinite(away)]
         if seen.size >= LEAST_DETERMINED * away.size:
-            # Heights are settled to no better than this.
-            return max(float(np.sqrt(unseen * np.var(seen))), fit.options.settled_gsd)
+            return float(np.sqrt(unseen * np.var(seen)))
     return float("nan")
 
 
@@ -178,9 +197,13 @@ def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:
     bend = bending_around(fit.surface.height)
     ordinary = _ORDINARY * float(np.median(bend))
     excess = np.sqrt(np.maximum(bend**2 - ordinary**2, 0.0))
-    measured = constrained_points(fit.constraints, fit.start.grid, _MEASURED_CELLS)
-    top_sigma = np.where(measured, 0.0, fit.options.top_sigma)
-    return fit.options.bend_sigma * bend, top_sigma * excess
+    own, near = (
+        constrained_points(fit.constraints, fit.start.grid, reach) for reach in (0.0, _NEAR_CELLS)
+    )
+    options = fit.options
+    bend_sigma = np.where(own, options.measured_bend_sigma, options.bend_sigma)
+    top_sigma = np.where(near, options.measured_top_sigma, options.top_sigma)
+    return bend_sigma * bend, top_sigma * excess
 
 
 def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photoclinometry:

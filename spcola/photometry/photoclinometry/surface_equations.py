@@ -151,6 +151,8 @@ class Priors:
     ----------
     slopes : (2, R − 1, C − 1) ndarray
         Of the start surface.
+    slope_sigma : float or (R − 1, C − 1) ndarray
+        Standard deviation of slopes about these.
     heights : tuple of GridHeights
         Constraining heights of the grid's points.
     points : PointEquations
@@ -158,6 +160,7 @@ class Priors:
     """
 
     slopes: FloatArray
+    slope_sigma: float | FloatArray
     heights: tuple[GridHeights, ...]
     points: PointEquations
 
@@ -242,7 +245,7 @@ def height_equations(
     cells, height, gsd = reduced.cells, surface.height, surface.gsd
     away = priors.slopes - surface.slopes
     most = options.slope_loss_scale * options.slope_sigma
-    weight = options.slope_sigma**-2 / (1.0 + np.sum(away**2, axis=0) / most**2)
+    weight = priors.slope_sigma**-2 / (1.0 + np.sum(away**2, axis=0) / most**2)
     normal, right = cells.normal.copy(), cells.right.copy()
     normal[0] += weight
     normal[3] += weight

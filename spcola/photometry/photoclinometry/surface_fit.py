@@ -242,7 +242,8 @@ class SurfaceFit:
         grid = whole if factor == 1 else whole.with_gsd(factor * whole.gsd)
         self.surface = self.surface.on(grid)
         slopes = cell_slopes(resampled_points(filled(self.start.height), whole, grid), grid.gsd)
-        self.priors = Priors(slopes, *gathered(self.constraints, whole, grid))
+        heights = gathered(self.constraints, whole, grid)
+        self.priors = Priors(slopes, self.options.slope_sigma, *heights)
         self.windows = self.cut(grid, self.surface.height)
 
     def as_seen(self, constraint: HeightConstraint) -> HeightConstraint:
@@ -257,17 +258,19 @@ class SurfaceFit:
             return constraint
         return constraint.as_seen(heights.above(self.surface.height)[seen])
 
-    def priors_in_sigmas(self) -> Priors:
+    def priors_in_sigmas(self, slope_sigma: FloatArray) -> Priors:
         """Return what counts in sigmas: heights whose sigma images showed weigh less.
 
-        Errors of a shape are common to more points than the solution assumes.
+        Errors of a shape are common to more points than the solution assumes. `slope_sigma` is that
+        of the slopes of the start (R − 1, C − 1).
         """
         assert self.priors is not None
         counted = tuple(
             replace(one, weight=one.weight / _MORE_COMMON) if one.least_sigma else one
             for one in self.constraints
         )
-        return Priors(self.priors.slopes, *gathered(counted, self.start.grid, self.surface.grid))
+        heights = gathered(counted, self.start.grid, self.surface.grid)
+        return Priors(self.priors.slopes, slope_sigma, *heights)
 
     def sums(self, *, least_elevation: float = 0.0, widened: float = 1.0) -> Sums:
         """Return the normal equations of images with the Sun at least so high (rad), summed.
@@ -298,7 +301,7 @@ class SurfaceFit:
         generator = np.random.default_rng([self.options.seed, len(self.rounds)])
         some = tuple(one.subset(fraction, generator) for one in self.constraints)
         heights = gathered(some, self.start.grid, self.surface.grid)
-        return Priors(self.priors.slopes, *heights)
+        return Priors(self.priors.slopes, self.options.slope_sigma, *heights)
 
     def round(self, *, widened: float = 1.0) -> bool:
         """Do one round; return whether heights and albedo have settled.

@@ -54,7 +54,7 @@ def equations(points, now, heights=()):
         normal, np.zeros((3, *cells)), np.zeros((0, *GRID.shape)), np.zeros((0, 0)), np.zeros(0)
     )
     weight = np.full(GRID.shape, POINT_WEIGHT)
-    known = Priors(np.zeros((2, *cells)), tuple(heights), PointEquations.of(points, GRID))
+    known = Priors(np.zeros((2, *cells)), 0.3, tuple(heights), PointEquations.of(points, GRID))
     return HeightEquations(
         nothing, known, now, weight, np.zeros(GRID.shape),
         np.full(cells, TWIST_WEIGHT),

@@ -301,6 +301,42 @@ def test_the_departure_from_an_independent_start_shows_how_wrong_its_slopes_are(
     assert sigma_of(0.999, options) == pytest.approx(sigma_of(0.5, options), rel=0.05)
 
 
+def test_near_heights_single_slopes_of_the_start_err_and_elsewhere_all_of_them_together(painted):
+    """Errors of slopes that are alike in neighbouring cells add up where nothing measures."""
+    grid = painted.grid
+    images = [
+        painted.photograph(f"S{k}", toward, [0.7, 0.0, 0.7], size=90)
+        for k, (toward, _) in enumerate(SIGHTS[:3])
+    ]
+    upper = np.indices(grid.shape)[0] > grid.half_size
+    inside = at_cells(upper.astype(np.float64)) == 1.0
+    tiny = dict.fromkeys(("contrast_sigma", "bend_sigma", "top_sigma", "measured_bend_sigma"), 1e-6)
+    options = replace(FEW_ROUNDS, independent_start=True, **tiny)
+
+    def slopes_across(share, sigma):
+        """Sigmas of slopes across the light, near heights and elsewhere; departures near them."""
+        start = Maplet("START", grid, share * painted.heights())
+        heights = np.where(upper, painted.heights(), np.nan)
+        # So weak that slopes across the light are those of the start.
+        weak = HeightConstraint.of_sigma("upper", heights, sigma * grid.gsd)
+        found = solve_photoclinometry(
+            start, images, known_states(images), constraints=[weak, one_height(painted)],
+            options=options,
+        )  # fmt: skip
+        away = cell_slopes((found.maplet.height - start.height), grid.gsd)[:, inside]
+        across = found.slope_sigma[1]
+        return np.median(across[inside]), np.median(across[~inside]), np.sqrt(np.mean(away**2))
+
+    near, far, single = slopes_across(0.5, 0.9)
+    other_near, _, other_single = slopes_across(0.8, 0.9)
+    assert far > 5.0 * near
+    assert single > 2.0 * other_single
+    assert near / single == pytest.approx(other_near / other_single, rel=0.05)
+    # Heights that are known to less than a GSD measure nothing.
+    unmeasured, far, _ = slopes_across(0.5, 1.1)
+    assert unmeasured > 0.5 * far
+
+
 @pytest.mark.parametrize("error", [0.05, 0.3, 5.0])
 def test_images_show_the_sigma_of_heights_of_unknown_sigma(painted, photographs, error):
     grid, largest, least = painted.grid, 1.0, 0.2
@@ -353,17 +389,21 @@ def test_sigmas_grow_where_the_surface_bends(painted, photographs):
     height = np.full(painted.grid.shape, np.nan)
     height[20, 20] = painted.heights()[20, 20]
     one = (HeightConstraint.of_sigma("one", height, 0.1),)
-    without = replace(FEW_ROUNDS, bend_sigma=1e-9, top_sigma=1e-9)
+    names = "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma"
+    without = replace(FEW_ROUNDS, **dict.fromkeys(names, 1e-9))
     plain = solved(painted, photographs, without, constraints=one).maplet
     found = solved(painted, photographs, FEW_ROUNDS, constraints=one).maplet
     np.testing.assert_array_equal(found.height, plain.height)
     y, x = np.indices(height.shape)
-    top = np.where(np.hypot(y - 20, x - 20) <= 2.0, 0.0, FEW_ROUNDS.top_sigma)
+    near = np.hypot(y - 20, x - 20) <= 2.0
+    bent = np.where(np.isfinite(height), FEW_ROUNDS.measured_bend_sigma, FEW_ROUNDS.bend_sigma)
+    top = np.where(near, FEW_ROUNDS.measured_top_sigma, FEW_ROUNDS.top_sigma)
     bend = bending_around(found.height)
     # Bending of ordinary ground is no boulder's.
     excess = np.sqrt(np.maximum(bend**2 - (1.5 * np.median(bend)) ** 2, 0.0))
-    assert 0.05 < np.mean(excess[top > 0.0] > 0.0) < 0.5
-    added = np.hypot(FEW_ROUNDS.bend_sigma * bend, top * excess)
+    assert 0.05 < np.mean(excess[~near] > 0.0) < 0.5
+    assert np.any(excess[near] > 0.0)
+    added = np.hypot(bent * bend, top * excess)
     np.testing.assert_allclose(found.sigma, np.hypot(plain.sigma, added))
 
 
