@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,15 +30,37 @@ class AlbedoEquations:
         Change of the albedo where nothing else changes.
     rows : (P, R − 1, C − 1) ndarray
         Products of the albedo with each of the P nuisance parameters, over the root of `weight`.
-    nuisance, nuisance_right : (P, P), (P,) ndarrays
-        Normal matrix and right-hand side of these, without priors.
+    own, own_right : (K, M, M), (K, M) ndarrays
+        Normal matrices and right-hand sides of the M nuisance parameters of each of K images, the
+        albedo as it is.
     """
 
     weight: FloatArray
     step: FloatArray
     rows: FloatArray
-    nuisance: FloatArray
-    nuisance_right: FloatArray
+    own: FloatArray
+    own_right: FloatArray
+
+    @cached_property
+    def nuisance(self) -> FloatArray:
+        """Normal matrix (P, P) of all nuisance parameters, without priors."""
+        flat, count = self._flat_rows, self.own.shape[1]
+        # A matrix times its own transpose costs half of a product of two matrices.
+        normal = -(flat @ flat.T)
+        for k, own in enumerate(self.own):
+            place = slice(count * k, count * (k + 1))
+            normal[place, place] += own
+        return normal
+
+    @property
+    def nuisance_right(self) -> FloatArray:
+        """Right-hand side (P,) of these."""
+        pull = np.sqrt(self.weight) * self.step
+        return self.own_right.ravel() - self._flat_rows @ pull.ravel()
+
+    @property
+    def _flat_rows(self) -> FloatArray:
+        return self.rows.reshape(len(self.rows), self.weight.size)
 
     @property
     def by_nuisance(self) -> FloatArray:
@@ -56,12 +79,11 @@ class AlbedoEquations:
         """
         count = len(self.rows) // NUISANCES
         rows = np.tensordot(change, self.rows.reshape(count, NUISANCES, -1), (1, 1))
-        whole = np.kron(np.eye(count), change)
         return replace(
             self,
             rows=np.moveaxis(rows, 0, 1).reshape(self.rows.shape),
-            nuisance=whole @ self.nuisance @ whole.T,
-            nuisance_right=whole @ self.nuisance_right,
+            own=change @ self.own @ change.T,
+            own_right=self.own_right @ change.T,
         )
 
 
@@ -85,14 +107,8 @@ def eliminate_albedo(
     root = np.sqrt(weight)
     rows = np.empty((parameters * count, *weight.shape))
     _albedo_rows(sums.factors, root, rows)
-    flat = rows.reshape(len(rows), weight.size)
-    # A matrix times its own transpose costs half of a product of two matrices.
-    nuisance = -(flat @ flat.T)
-    right = sums.nuisance[:, :parameters, -1].ravel() - flat @ (root * step).ravel()
-    for k in range(count):
-        own = slice(parameters * k, parameters * (k + 1))
-        nuisance[own, own] += sums.nuisance[k, :parameters, :parameters]
-    return AlbedoEquations(weight, step, rows, nuisance, right)
+    own = sums.nuisance[:, :parameters]
+    return AlbedoEquations(weight, step, rows, own[..., :parameters], own[..., -1])
 
 
 def albedo_information(sums: Sums, slope_sigma: float) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -40,21 +41,41 @@ class Reduced:
 
     Attributes
     ----------
-    cells : CellInformation
-        Of images alone; nuisance parameters are five of each image, six with its contrast.
+    normal, right : (6, R − 1, C − 1), (3, R − 1, C − 1) ndarrays
+        Upper triangles and right-hand sides of (∂h/∂x, ∂h/∂y, h), of images alone.
     by_albedo : (3, R − 1, C − 1) ndarray
         Products of (∂h/∂x, ∂h/∂y, h) with the albedo, over the albedo's information: how much the
         albedo changes with them.
     albedo : AlbedoEquations
         Prior included.
+    factors : (K, 8, R − 1, C − 1) ndarray
+        As of :class:`Sums`.
+    before : (K, M) ndarray
+        Nuisance parameters of the images, 5 or 6 with that of the contrast; the first has no prior.
+    known : (K, M, M) ndarray
+        Prior information on these about 0.
     gsd : float
         Metres.
     """
 
-    cells: CellInformation
+    normal: FloatArray
+    right: FloatArray
     by_albedo: FloatArray
     albedo: AlbedoEquations
+    factors: AnyArray
+    before: FloatArray
+    known: FloatArray
     gsd: float
+
+    @cached_property
+    def cells(self) -> CellInformation:
+        """What images alone determine, with the priors of nuisance parameters."""
+        own = self.albedo.nuisance, self.albedo.nuisance_right
+        nuisance, nuisance_right = with_priors(own, self.before, self.known)
+        _, rows, columns = self.right.shape
+        coupled = np.zeros((len(nuisance), rows + 1, columns + 1), dtype=np.float32)
+        _couple(self.factors, self.by_albedo, self.gsd, coupled)
+        return CellInformation(self.normal, self.right, coupled, nuisance, nuisance_right)
 
 
 def reduce_albedo(
@@ -67,10 +88,8 @@ def reduce_albedo(
     sums : Sums
         Over K images.
     surface : Surface
-    before : (K, M) ndarray
-        Nuisance parameters of the images, 5 or 6 with that of the contrast; the first has no prior.
-    known : (K, M, M) ndarray
-        Prior information on these about 0.
+    before, known : (K, M), (K, M, M) ndarrays
+        As of :class:`Reduced`.
     expected : ExpectedAlbedo
         Prior of the albedo.
     """
@@ -83,12 +102,7 @@ def reduce_albedo(
         ]
     )
     right = sums.right[:3] - by_albedo * alone.weight * alone.step
-    own = alone.nuisance, alone.nuisance_right
-    nuisance, nuisance_right = with_priors(own, before, known)
-    coupled = np.zeros((len(nuisance), *surface.height.shape), dtype=np.float32)
-    _couple(sums.factors, by_albedo, surface.gsd, coupled)
-    cells = CellInformation(normal, right, coupled, nuisance, nuisance_right)
-    return Reduced(cells, by_albedo, alone, surface.gsd)
+    return Reduced(normal, right, by_albedo, alone, sums.factors, before, known, surface.gsd)
 
 
 @compiled
@@ -319,7 +333,7 @@ def determined_directions(reduced: Reduced, most: float) -> AnyArray:
 
     A direction is determined if the sigma of the slope along it is at most `most`.
     """
-    xx, xy, yy = reduced.cells.normal[[0, 1, 3]]
+    xx, xy, yy = reduced.normal[[0, 1, 3]]
     middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     least = most**-2
     return (middle + apart >= least).astype(np.int8) + (middle - apart >= least)
