@@ -87,6 +87,8 @@ class PhotoclinometryOptions:
         outliers. Of the bending beyond that of ordinary ground.
     measured_bend_sigma, measured_top_sigma : float
         Both where constraining heights measure the point, and the top.
+    averaged_top_sigma : float
+        That of a top of which only means over cells are measured.
     relief_albedo_sigma : float
         Standard deviation of the error of the albedo by relief that the grid does not resolve,
         relative: it darkens and brightens cells in all images alike.
@@ -131,7 +133,8 @@ class PhotoclinometryOptions:
     bend_sigma: float = 0.14
     top_sigma: float = 0.55
     measured_bend_sigma: float = 0.09
-    measured_top_sigma: float = 0.14
+    measured_top_sigma: float = 0.12
+    averaged_top_sigma: float = 0.15
     relief_albedo_sigma: float = 0.01
     constraint_fraction: float = 1.0
     seed: int = 1
@@ -150,7 +153,7 @@ class PhotoclinometryOptions:
             "shift_sigma_px", "slope_sigma", "slope_loss_scale", "slope_error_factor",
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
             "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma",
-            "relief_albedo_sigma", "settled_gsd", "settled_albedo",
+            "averaged_top_sigma", "relief_albedo_sigma", "settled_gsd", "settled_albedo",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

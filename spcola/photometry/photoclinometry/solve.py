@@ -197,12 +197,16 @@ def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:
     bend = bending_around(fit.surface.height)
     ordinary = _ORDINARY * float(np.median(bend))
     excess = np.sqrt(np.maximum(bend**2 - ordinary**2, 0.0))
-    own, near = (
-        constrained_points(fit.constraints, fit.start.grid, reach) for reach in (0.0, _NEAR_CELLS)
-    )
-    options = fit.options
+    options, grid = fit.options, fit.start.grid
+    own = constrained_points(fit.constraints, grid, 0.0)
     bend_sigma = np.where(own, options.measured_bend_sigma, options.bend_sigma)
-    top_sigma = np.where(near, options.measured_top_sigma, options.top_sigma)
+    means = tuple(one for one in fit.constraints if one.blur is not None)
+    others = tuple(one for one in fit.constraints if one.blur is None)
+    top_sigma = np.where(
+        constrained_points(means, grid, _NEAR_CELLS), options.averaged_top_sigma, options.top_sigma
+    )
+    near = constrained_points(others, grid, _NEAR_CELLS)
+    top_sigma = np.where(near, options.measured_top_sigma, top_sigma)
     return bend_sigma * bend, top_sigma * excess
 
 

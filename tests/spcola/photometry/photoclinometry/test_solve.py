@@ -384,20 +384,26 @@ def test_images_of_other_ground_are_named_and_little_harm_is_done(painted, photo
     assert [fit.name for fit in found.images if fit.fit is not Fit.USED] == ["I3"]
 
 
-def test_sigmas_grow_where_the_surface_bends(painted, photographs):
+@pytest.mark.parametrize("averaged", [False, True])
+def test_sigmas_grow_where_the_surface_bends(painted, photographs, averaged):
     """Most where images alone show it: a height measures the top of a boulder within two cells."""
     height = np.full(painted.grid.shape, np.nan)
     height[20, 20] = painted.heights()[20, 20]
-    one = (HeightConstraint.of_sigma("one", height, 0.1),)
-    names = "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma"
+    one = HeightConstraint.of_sigma("one", height, 0.1)
+    if averaged:
+        one = replace(one, blur=np.full(height.shape, painted.grid.gsd**2 / 12.0))
+    names = (
+        "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma", "averaged_top_sigma"
+    )  # fmt: skip
     without = replace(FEW_ROUNDS, **dict.fromkeys(names, 1e-9))
-    plain = solved(painted, photographs, without, constraints=one).maplet
-    found = solved(painted, photographs, FEW_ROUNDS, constraints=one).maplet
+    plain = solved(painted, photographs, without, constraints=[one]).maplet
+    found = solved(painted, photographs, FEW_ROUNDS, constraints=[one]).maplet
     np.testing.assert_array_equal(found.height, plain.height)
     y, x = np.indices(height.shape)
     near = np.hypot(y - 20, x - 20) <= 2.0
     bent = np.where(np.isfinite(height), FEW_ROUNDS.measured_bend_sigma, FEW_ROUNDS.bend_sigma)
-    top = np.where(near, FEW_ROUNDS.measured_top_sigma, FEW_ROUNDS.top_sigma)
+    measured = FEW_ROUNDS.averaged_top_sigma if averaged else FEW_ROUNDS.measured_top_sigma
+    top = np.where(near, measured, FEW_ROUNDS.top_sigma)
     bend = bending_around(found.height)
     # Bending of ordinary ground is no boulder's.
     excess = np.sqrt(np.maximum(bend**2 - (1.5 * np.median(bend)) ** 2, 0.0))
