@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from photoclinometry import ALONE, RETURNS, findings, prepared
-from photoclinometry_fine import errors
+from photoclinometry_fine import Errors
 from truth import timed
 
 from fusion.scene import Scene
@@ -106,8 +106,9 @@ def compared(root: Path, seed: int, width: float) -> Iterator[str]:
                 np.where(gap ^ outside, height, np.nan)
                 for height, gap in zip(truths, gaps, strict=True)
             ]
-            height, slope, pull, one, two = errors(list(zip(maplets, chosen, strict=True)))
-            numbers = f"{height:9.3f}{slope:8.2f}{pull:7.2f}{one:9.2f}{two:9.2f}"
+            found = Errors.of(list(zip(maplets, chosen, strict=True)))
+            shares = f"{found.within_one:9.2f}{found.within_two:9.2f}"
+            numbers = f"{found.heights:9.3f}{found.slopes:8.2f}{found.pull:7.2f}{shares}"
             lines.append(f"{title:18}{numbers}  {where}")
     yield f"stripes of {width:g} m without returns: {share:.0%} of the ground"
     yield f"{'':18}{'heights':>9}{'slopes':>8}{'pull':>7}{'1 sigma':>9}{'2 sigma':>9}"
