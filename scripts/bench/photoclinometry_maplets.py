@@ -16,24 +16,28 @@ of the solution in use.
 Then slopes and albedo of maplets by the number of their images.
 
     python scripts/bench/photoclinometry_maplets.py WORKSPACE --mission DIR --solution NAME
-        [--every 1]
+        [--every 1] [--limit]
 
-Only every so many converged maplets are compared.
+Only every so many converged maplets are compared. `--limit` solves them again with the true heights
+as a map that constrains them (`spcola spc lithos --map`), in a solution of its own: what noise, and
+ground that cells do not resolve, leave of the albedo.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import numpy as np
 from real.printed import explained
 from scipy import ndimage
+from truth import timed
 
 from fusion.truth.planted import Planted, read_truth
 from fusion.workspace import Workspace
@@ -44,6 +48,7 @@ from spcola.formats.image_sigmas import (
     read_slope_sigma,
     slope_sigma_path,
 )
+from spcola.formats.maplets import write_maplet
 from spcola.grids import Maplet, MapletGrid
 from spcola.heights.slopes import slopes_of
 from spcola.math import Similarity
@@ -62,6 +67,8 @@ GROUPS = (2, 5, 7, 9, 1000)
 FINE = 3
 # Points at the edges of maplets that are not compared: their slopes are one-sided.
 EDGE = 4
+# Solution of maplets on their true heights, and the sigma of these, GSDs.
+LIMIT, TRUE_SIGMA = "on-true-heights", 0.001
 
 
 @dataclass(frozen=True)
@@ -272,15 +279,36 @@ def by_slopes(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: flo
 
 
 def compared(
-    workspace: Path, mission: Path, solution: str, every: int
+    workspace: Path, mission: Path, solution: str, every: int, *, limit: bool
 ) -> Iterator[tuple[str, list[Errors]]]:
-    """Yield the errors of the maplets of both solutions."""
+    """Yield the errors of the maplets of both solutions, and with `limit` of true heights."""
     made, used = Workspace.open(workspace, solution), Workspace.open(workspace)
     fits = made.read_json("photoclinometry.json")["maplets"]
     truth = Truth(read_truth(mission), {one.name: one for one in made.images()}, fits)
     names = [name for name, fit in fits.items() if fit["outcome"] == "converged"][::every]
-    for title, space in (("solution in use", used), (solution, made)):
+    spaces = {"solution in use": used, solution: made}
+    if limit:
+        spaces[LIMIT] = on_true_heights(workspace, used, truth, names)
+    for title, space in spaces.items():
         yield title, [truth.errors(Made.of(space, name), name) for name in names]
+
+
+def on_true_heights(
+    workspace: Path, used: Workspace, truth: Truth, names: Sequence[str]
+) -> Workspace:
+    """Solve the named maplets of a workspace with their true heights as constraints."""
+    if (workspace / "solutions" / LIMIT).is_dir():
+        timed(["solution", "remove", workspace, LIMIT])
+    with TemporaryDirectory() as folder:
+        command = ["spc", "lithos", workspace, "--start", "shape", "--constraint", "maps"]
+        for name in names:
+            maplet, path = used.maplet(name), Path(folder) / f"{name}.MAP"
+            height = heights_in_frame(truth.body, maplet.grid, truth.planted.similarity)
+            write_maplet(path, replace(maplet, height=height))
+            command += ["--only", name, "--map", path]
+        sigma = f"{TRUE_SIGMA * maplet.grid.gsd:.6f}"
+        timed([*command, "--map-sigma", sigma, "--as", LIMIT])
+    return Workspace.open(workspace, LIMIT)
 
 
 def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
@@ -351,8 +379,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--mission", type=Path, required=True)
     parser.add_argument("--solution", required=True)
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--limit", action="store_true")
     given = parser.parse_args(arguments)
-    for title, found in compared(given.workspace, given.mission, given.solution, given.every):
+    for title, found in compared(
+        given.workspace, given.mission, given.solution, given.every, limit=given.limit
+    ):
         print(*lines(title, found), sep="\n", flush=True)
 
 

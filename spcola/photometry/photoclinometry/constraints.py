@@ -176,6 +176,11 @@ class HeightConstraint:
         known = np.where(total > 0, total / (1.0 + total * np.where(total > 0, shared, 0.0)), 0.0)
         return cls(name, mean.reshape(grid.shape), known.reshape(grid.shape), points)
 
+    @property
+    def shows_cells(self) -> bool:
+        """Whether each height has an error of its own, so that relief of single cells shows."""
+        return self.common == 1.0
+
     def subset(self, fraction: float, generator: np.random.Generator) -> HeightConstraint:
         """Return a random share of the heights, each with its whole weight.
 

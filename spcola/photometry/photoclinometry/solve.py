@@ -32,7 +32,8 @@ from spcola.shape import RayCaster
 
 # Sigma of a mean height that nothing determines, GSDs; without it the equations are singular.
 _UNKNOWN_MEAN = 1000.0
-# Cells from a constraining height within which it measures tops of boulders and errors of slopes.
+# Cells from a height with an error of its own within which it measures tops of boulders and errors
+# of slopes.
 _NEAR_CELLS = 2.0
 # Bending larger than this many medians of the grid counts as a boulder's. Errors of heights on
 # ordinary ground are those of brightness.
@@ -162,20 +163,24 @@ def _slope_sigma(fit: SurfaceFit, directions: AnyArray) -> FloatArray:
     departure of the heights: s GSD about their mean, on 99 × 99 points, with a sigma of s.
     """
     options = fit.options
-    assumed = np.full(directions.shape, options.slope_error_factor * options.slope_sigma)
-    if not options.independent_start:
-        return assumed
     away = (fit.surface.height - fit.start.height) / fit.surface.gsd
-    departure = _departure(away, directions)
-    # Heights are settled to no better than this.
-    sigma = np.maximum(departure, options.settled_gsd) if np.isfinite(departure) else assumed
     slopes = cell_slopes(away, 1.0)
-    measured = constrained_points(fit.constraints, fit.start.grid, _NEAR_CELLS)
+    measured = constrained_points(_measuring(fit), fit.start.grid, _NEAR_CELLS)
     near = (at_cells(measured.astype(np.float64)) == 1.0) & np.isfinite(slopes[0])
-    if np.mean(near) < LEAST_DETERMINED:
-        return np.broadcast_to(sigma, directions.shape)
-    single = float(np.sqrt(np.mean(slopes[:, near] ** 2)))
-    return np.where(near, max(single, options.settled_gsd), sigma)
+    sigma, single = options.slope_error_factor * options.slope_sigma, options.slope_sigma
+    if options.independent_start:
+        # Heights are settled to no better than this.
+        departure = _departure(away, directions)
+        sigma = max(departure, options.settled_gsd) if np.isfinite(departure) else sigma
+        single = sigma
+        if np.mean(near) >= LEAST_DETERMINED:
+            single = max(float(np.sqrt(np.mean(slopes[:, near] ** 2))), options.settled_gsd)
+    return np.where(near, single, sigma)
+
+
+def _measuring(fit: SurfaceFit) -> tuple[HeightConstraint, ...]:
+    """Return the constraints that show relief of single cells, boulders among it."""
+    return tuple(one for one in fit.constraints if one.shows_cells)
 
 
 def _departure(away: FloatArray, directions: AnyArray) -> float:
@@ -198,10 +203,11 @@ def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:
     ordinary = _ORDINARY * float(np.median(bend))
     excess = np.sqrt(np.maximum(bend**2 - ordinary**2, 0.0))
     options, grid = fit.options, fit.start.grid
-    own = constrained_points(fit.constraints, grid, 0.0)
+    measuring = _measuring(fit)
+    own = constrained_points(measuring, grid, 0.0)
     bend_sigma = np.where(own, options.measured_bend_sigma, options.bend_sigma)
-    means = tuple(one for one in fit.constraints if one.blur is not None)
-    others = tuple(one for one in fit.constraints if one.blur is None)
+    means = tuple(one for one in measuring if one.blur is not None)
+    others = tuple(one for one in measuring if one.blur is None)
     top_sigma = np.where(
         constrained_points(means, grid, _NEAR_CELLS), options.averaged_top_sigma, options.top_sigma
     )

@@ -313,7 +313,7 @@ def test_near_heights_single_slopes_of_the_start_err_and_elsewhere_all_of_them_t
     tiny = dict.fromkeys(("contrast_sigma", "bend_sigma", "top_sigma", "measured_bend_sigma"), 1e-6)
     options = replace(FEW_ROUNDS, independent_start=True, **tiny)
 
-    def slopes_across(share, sigma):
+    def slopes_across(share, sigma, options=options):
         """Sigmas of slopes across the light, near heights and elsewhere; departures near them."""
         start = Maplet("START", grid, share * painted.heights())
         heights = np.where(upper, painted.heights(), np.nan)
@@ -335,6 +335,12 @@ def test_near_heights_single_slopes_of_the_start_err_and_elsewhere_all_of_them_t
     # Heights that are known to less than a GSD measure nothing.
     unmeasured, far, _ = slopes_across(0.5, 1.1)
     assert unmeasured > 0.5 * far
+    # A start of the same heights agrees with them, and proves nothing.
+    dependent = replace(options, independent_start=False)
+    one, far, _ = slopes_across(0.5, 0.9, dependent)
+    other, _, _ = slopes_across(0.999, 0.9, dependent)
+    assert other == pytest.approx(one, rel=0.05)
+    assert far > 1.2 * one
 
 
 @pytest.mark.parametrize("error", [0.05, 0.3, 5.0])
@@ -384,13 +390,17 @@ def test_images_of_other_ground_are_named_and_little_harm_is_done(painted, photo
     assert [fit.name for fit in found.images if fit.fit is not Fit.USED] == ["I3"]
 
 
-@pytest.mark.parametrize("averaged", [False, True])
-def test_sigmas_grow_where_the_surface_bends(painted, photographs, averaged):
-    """Most where images alone show it: a height measures the top of a boulder within two cells."""
+@pytest.mark.parametrize("kind", ["points", "means", "shared"])
+def test_sigmas_grow_where_the_surface_bends(painted, photographs, kind):
+    """Most where images alone show it: a height measures the top of a boulder within two cells.
+
+    A height that shares its error with others, as of a shape, is none of relief of single cells.
+    """
     height = np.full(painted.grid.shape, np.nan)
     height[20, 20] = painted.heights()[20, 20]
-    one = HeightConstraint.of_sigma("one", height, 0.1)
-    if averaged:
+    common = 4.0 if kind == "shared" else 1.0
+    one = HeightConstraint.of_sigma("one", height, 0.1, common=common)
+    if kind == "means":
         one = replace(one, blur=np.full(height.shape, painted.grid.gsd**2 / 12.0))
     names = (
         "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma", "averaged_top_sigma"
@@ -401,8 +411,13 @@ def test_sigmas_grow_where_the_surface_bends(painted, photographs, averaged):
     np.testing.assert_array_equal(found.height, plain.height)
     y, x = np.indices(height.shape)
     near = np.hypot(y - 20, x - 20) <= 2.0
-    bent = np.where(np.isfinite(height), FEW_ROUNDS.measured_bend_sigma, FEW_ROUNDS.bend_sigma)
-    measured = FEW_ROUNDS.averaged_top_sigma if averaged else FEW_ROUNDS.measured_top_sigma
+    measured = {
+        "points": (FEW_ROUNDS.measured_bend_sigma, FEW_ROUNDS.measured_top_sigma),
+        "means": (FEW_ROUNDS.measured_bend_sigma, FEW_ROUNDS.averaged_top_sigma),
+        "shared": (FEW_ROUNDS.bend_sigma, FEW_ROUNDS.top_sigma),
+    }
+    bent, measured = measured[kind]
+    bent = np.where(np.isfinite(height), bent, FEW_ROUNDS.bend_sigma)
     top = np.where(near, measured, FEW_ROUNDS.top_sigma)
     bend = bending_around(found.height)
     # Bending of ordinary ground is no boulder's.
