@@ -56,9 +56,9 @@ class PhotoclinometryOptions:
         far the solved surface departs from it shows how wrong its slopes are, in place of
         `slope_sigma` in sigmas.
     slope_error_factor : float
-        Factor on `slope_sigma` in sigmas where the departure is not known: along a direction that
-        images do not determine, slopes err alike in neighbouring cells, so that their errors do
-        not average out.
+        Factor on `slope_sigma` in sigmas where the departure is not known, and no heights are
+        measured near: along a direction that images do not determine, slopes err alike in
+        neighbouring cells, so that their errors do not average out.
     twist_sigma : float
         Expected standard deviation of ``(h00 − h01 − h10 + h11) / gsd`` of a cell's four corners,
         which its slopes do not contain. Where single points constrain a cell it is 0.12 at most.
@@ -86,7 +86,7 @@ class PhotoclinometryOptions:
         but images shows it: the slopes of its sides are drawn to those of the start, or count as
         outliers. Of the bending beyond that of ordinary ground.
     measured_bend_sigma, measured_top_sigma : float
-        Both where constraining heights measure the point, and the top.
+        Both where constraining heights with errors of their own measure the point, and the top.
     averaged_top_sigma : float
         That of a top of which only means over cells are measured.
     relief_albedo_sigma : float
