@@ -33,7 +33,7 @@ from spcola.imagematching.frames.fitting import FittedFrame, FrameFitOptions, fi
 from spcola.shape import RayCaster
 
 # Raised whenever equal input gives other states.
-_VERSION = 2
+_VERSION = 3
 # Least correlation with the rendered shape.
 _FITS = 0.5
 # Least share of lit ground that image and rendering have in common, of what either has at the best
@@ -200,7 +200,9 @@ class _Work:
             return Placement(name, Placed.NO_GROUND, float("nan"), away, None)
         match = match_frame(image, image.pixels, rendered)
         outcome, fitted = self._fitted(image, image.pixels, rendered, match)
-        return Placement(name, outcome, match.given, away, fitted)
+        # The match has coarser cells, which correlate otherwise than those of the fit.
+        start = match.given if fitted is None else fitted.correlation_start
+        return Placement(name, outcome, start, away, fitted)
 
     def _fitted(
         self, image: SpcImage, pixels: AnyArray, rendered: RenderedFrame, match: FrameMatch

@@ -70,7 +70,7 @@ class Placement:
     name : str
     outcome : Placed
     correlation_start : float
-        With the rendered shape, at the stated state.
+        With the rendered shape, at the stated state; of coarse cells where the state is kept.
     distance_m : float
         From the stated position to the body's centre.
     fitted : FittedFrame or None

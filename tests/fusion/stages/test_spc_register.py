@@ -24,6 +24,9 @@ from spcola.shape.icq import IcqShape, icq_directions
 
 SIZE, RADIUS = 128, 250.0
 LENS = Camera(100.0, [SIZE / 2 + 0.5] * 2, [[60.0, 0, 0], [0, 60.0, 0]], SIZE, SIZE)
+FINE_LENS = Camera(
+    100.0, [SIZE + 0.5] * 2, [[120.0, 0, 0], [0, 120.0, 0]], 2 * SIZE, 2 * SIZE
+)  # fmt: skip
 
 
 def lumpy(radius: float = RADIUS) -> IcqShape:
@@ -93,6 +96,22 @@ def test_states_are_those_of_the_frames(misplaced, found):
         assert one["correlation"] > 0.97 > one["correlation_start"]
         assert np.isfinite(now.scobj_sigma).all()
         assert np.isfinite(now.pointing_sigma).all()
+
+
+def test_correlations_before_and_after_the_fit_are_of_the_same_cells(tmp_path):
+    """Noise of single pixels: cells of the match are coarser, and correlate better."""
+    shape, image = lumpy(), replace(frame_of(0), camera=FINE_LENS)
+    write_icq(tmp_path / "body.txt", shape, digits=9)
+    made = new_workspace(tmp_path / "WS", body="Lumpy", shape=tmp_path / "body.txt")
+    seen = 20_000.0 * render_frame(RayCaster(shape.mesh()), image).brightness
+    seen *= 1.0 + 0.4 * np.random.default_rng(1).normal(size=seen.shape)
+    write_image_data(made.exposure_path("F0"), np.rint(np.clip(seen, 0, 60_000)).astype(np.uint16))
+    write_summary(made.image_path("F0"), image)
+    write_list(made.root / "PICTLIST.TXT", ["F0"], kind="image")
+    (one,) = called("spc", "register", made.root, "--as", "fitted")["images"].values()
+    assert np.abs(one["moved_px"]).max() < 0.2
+    assert one["correlation"] < 0.95
+    assert one["correlation_start"] == pytest.approx(one["correlation"], abs=2e-3)
 
 
 def test_an_image_of_something_else_keeps_its_state(misplaced, found):
