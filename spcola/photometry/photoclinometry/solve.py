@@ -35,6 +35,9 @@ _UNKNOWN_MEAN = 1000.0
 # Cells from a height with an error of its own within which it measures tops of boulders and errors
 # of slopes.
 _NEAR_CELLS = 2.0
+# Slopes of ground that images do not determine at all depart from those of the start by so many
+# times as much as others: shadows fall where it is steep.
+_UNSEEN = 2.0
 # Bending larger than this many medians of the grid counts as a boulder's. Errors of heights on
 # ordinary ground are those of brightness.
 _ORDINARY = 1.5
@@ -160,21 +163,24 @@ def _slope_sigma(fit: SurfaceFit, directions: AnyArray) -> FloatArray:
 
     Heights add up its errors from cell to cell as far as to the next height that is measured. There
     it is that of single slopes, and elsewhere that of independent ones which would add up to the
-    departure of the heights: s GSD about their mean, on 99 × 99 points, with a sigma of s.
+    departure of the heights: s GSD about their mean, on 99 × 99 points, with a sigma of s. That is
+    seen where images determine slopes.
     """
     options = fit.options
     away = (fit.surface.height - fit.start.height) / fit.surface.gsd
     slopes = cell_slopes(away, 1.0)
     measured = constrained_points(_measuring(fit), fit.start.grid, _NEAR_CELLS)
     near = (at_cells(measured.astype(np.float64)) == 1.0) & np.isfinite(slopes[0])
-    sigma, single = options.slope_error_factor * options.slope_sigma, options.slope_sigma
-    if options.independent_start:
-        # Heights are settled to no better than this.
-        departure = _departure(away, directions)
-        sigma = max(departure, options.settled_gsd) if np.isfinite(departure) else sigma
-        single = sigma
-        if np.mean(near) >= LEAST_DETERMINED:
-            single = max(float(np.sqrt(np.mean(slopes[:, near] ** 2))), options.settled_gsd)
+    sigma = np.full(directions.shape, options.slope_error_factor * options.slope_sigma)
+    if not options.independent_start:
+        return np.where(near, options.slope_sigma, sigma)
+    # Heights are settled to no better than this.
+    least, departure = options.settled_gsd, _departure(away, directions)
+    if np.isfinite(departure):
+        sigma = max(departure, least) * np.where(directions == 0, _UNSEEN, 1.0)
+    if np.mean(near) < LEAST_DETERMINED:
+        return sigma
+    single = max(float(np.sqrt(np.mean(slopes[:, near] ** 2))), least)
     return np.where(near, single, sigma)
 
 

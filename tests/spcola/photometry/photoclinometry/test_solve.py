@@ -343,6 +343,34 @@ def test_near_heights_single_slopes_of_the_start_err_and_elsewhere_all_of_them_t
     assert far > 1.2 * one
 
 
+def test_slopes_that_no_image_shows_depart_twice_as_much_as_others(painted, photographs):
+    """Shadows fall where the ground is steep."""
+    grid = painted.grid
+    hidden = [replace(one, pixels=one.pixels.copy()) for one in photographs]
+    for image in hidden:
+        x = project_image(image, grid.points(painted.heights()))[0]
+        image.pixels[:, int(np.median(x)) :] = 0.0
+    # Slopes alone, and no twist of cells, hold heights of ground in the dark.
+    options = replace(FEW_ROUNDS, independent_start=True, twist_sigma=100.0)
+
+    def dark(share):
+        """Sigma of slopes in the dark, and the departure of the heights that images show."""
+        start = Maplet("START", grid, share * painted.heights())
+        found = solve_photoclinometry(
+            start, hidden, known_states(hidden), constraints=[one_height(painted)], options=options
+        )
+        unseen, seen = found.directions == 0, found.directions == 2
+        assert np.mean(unseen) > 0.2
+        assert np.mean(seen) > 0.2
+        around = at_cells(np.pad(seen.astype(np.float64), 1)) == 1.0
+        departure = np.std((found.maplet.height - start.height)[around]) / grid.gsd
+        return np.median(found.slope_sigma[:, unseen]), departure
+
+    sigma, departure = dark(0.8)
+    # Two slopes of a cell measure each difference of heights: its sigma is that of a slope over √2.
+    assert sigma == pytest.approx(2.0 * departure / np.sqrt(2.0), rel=0.1)
+
+
 @pytest.mark.parametrize("error", [0.05, 0.3, 5.0])
 def test_images_show_the_sigma_of_heights_of_unknown_sigma(painted, photographs, error):
     grid, largest, least = painted.grid, 1.0, 0.2
