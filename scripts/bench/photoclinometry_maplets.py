@@ -286,6 +286,8 @@ def compared(
     fits = made.read_json("photoclinometry.json")["maplets"]
     truth = Truth(read_truth(mission), {one.name: one for one in made.images()}, fits)
     names = [name for name, fit in fits.items() if fit["outcome"] == "converged"][::every]
+    if not names:
+        raise SystemExit(f"no maplet of {solution} converged: choose another solution")
     spaces = {"solution in use": used, solution: made}
     if limit:
         spaces[LIMIT] = on_true_heights(workspace, used, truth, names)

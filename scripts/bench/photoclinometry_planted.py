@@ -23,25 +23,21 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from real.printed import explained
+from photoclinometry_maplets import by_slopes
 from scipy import ndimage
 
 from fusion.runtime.machine.threads import one_blas_thread
+from fusion.stages.lithos import LithosOptions
+from fusion.stages.lithos.constraining import ConstrainingHeights
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from fusion.workspace.settings.processing import RegisterSettings
-from spcola.arrays import BoolArray, FloatArray
 from spcola.camera import SpcImage, project_image
 from spcola.grids import Maplet
 from spcola.grids.gaps import filled
-from spcola.heights.slopes import slopes_of
 from spcola.imagematching import ChoiceOptions
 from spcola.photometry.functions import photometric_function
-from spcola.photometry.photoclinometry import (
-    HeightConstraint,
-    PhotoclinometryOptions,
-    solve_photoclinometry,
-)
+from spcola.photometry.photoclinometry import PhotoclinometryOptions, solve_photoclinometry
 from spcola.photometry.photoclinometry.image_equations import ImageState, compare_image
 from spcola.photometry.photoclinometry.image_window import ImageWindow
 from spcola.photometry.photoclinometry.surface_fit import SurfaceFit
@@ -55,10 +51,11 @@ FEWEST = 500
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """Maplets of a solution, their images, and how they were solved."""
+    """Maplets of a solution, their images, heights of the shape, and how they were solved."""
 
     space: Workspace
     scene: ImageScene
+    heights: ConstrainingHeights
     options: PhotoclinometryOptions
 
     @classmethod
@@ -66,12 +63,16 @@ class Solved:
         """Read a solution."""
         space = Workspace.open(workspace, solution)
         used = space.read_json("photoclinometry.json")["options"]
-        grids = [space.maplet(name).grid for name in space.maplet_names()]
-        scene = ImageScene.of(space, grids, RegisterSettings())
+        grids = {name: space.maplet(name).grid for name in space.maplet_names()}
+        scene = ImageScene.of(space, list(grids.values()), RegisterSettings())
         function = photometric_function(used["photometry"])
         choice = ChoiceOptions(most=used["max_images"], light=function)
         options = PhotoclinometryOptions(function, used["psf_px"], independent_start=True)
-        return cls(space, replace(scene, choice=choice), options)
+        scene = replace(scene, choice=choice)
+        heights = ConstrainingHeights.of(
+            space, grids, scene, LithosOptions(start="shape", photoclinometry=options)
+        )
+        return cls(space, scene, heights, options)
 
     @property
     def names(self) -> list[str]:
@@ -113,17 +114,16 @@ class Solved:
             for image, window in zip(real, fit.windows, strict=True)
             if window is not None
         ]
-        known = HeightConstraint.of_sigma("shape", shape, grid.gsd, common=100.0)
         found = solve_photoclinometry(
-            start, images, states, constraints=[replace(known, least_sigma=0.2 * grid.gsd)],
-            beyond=[self.beyond], options=self.options,
+            start, images, states, constraints=self.heights.on(start), beyond=[self.beyond],
+            options=self.options,
         ).maplet  # fmt: skip
         good = np.isfinite(found.albedo) & np.isfinite(solved.albedo)
         if np.count_nonzero(good) < FEWEST or not np.ptp(found.albedo[good]):
             return None
         pairs = (solved.albedo, solved.height), (albedo, height), (found.albedo, found.height)
         return [
-            *(with_slopes(one, tall, good, grid.gsd) for one, tall in pairs),
+            *(by_slopes(one, tall, good, grid.gsd) for one, tall in pairs),
             float(np.corrcoef(found.albedo[good], albedo[good])[0, 1]),
         ]
 
@@ -155,13 +155,6 @@ def predicted(
     return replace(image, pixels=pixels, thresholds=(0, 65535))
 
 
-def with_slopes(albedo: FloatArray, height: FloatArray, good: BoolArray, gsd: float) -> float:
-    """Return the multiple correlation of albedo with both slopes, where `good`; all (R, C)."""
-    slopes = np.array(slopes_of(height, gsd))
-    good = good & np.isfinite(slopes).all(axis=0)
-    return explained(albedo[good], slopes[:, good])
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the correlations for each noise and function."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -180,6 +173,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with one_blas_thread():
             made = [solved.planted(name, noise, function) for name in solved.names[:: given.every]]
         rows = np.array([one for one in made if one is not None])
+        if not len(rows):
+            parser.error(
+                "no solved maplet has an albedo at enough points: compare more (--every 1)"
+            )
         own, planted, found, right = np.median(rows, axis=0)
         print(
             f"{function or 'the same'}, noise {noise:.0%}, {len(rows)} maplets: albedo with slopes "

@@ -63,7 +63,7 @@ class HeightConstraint:
         Heights between those of the grid, which constrain in their place: `height` and `weight`
         are then what is known of their surroundings.
     common : float
-        Number of neighbouring points that share one error.
+        Number of neighbouring points that share one error; 1 or more.
     left_out : int
         Number of heights that were left out as false, before.
     shared_sigma : float
@@ -79,8 +79,8 @@ class HeightConstraint:
     Raises
     ------
     InvalidValueError
-        If shapes differ, a weight, a sigma or a blur is negative or not finite, or points have a
-        least sigma.
+        If shapes differ, a weight, a sigma or a blur is negative or not finite, less than one point
+        shares an error, or points have a least sigma.
     """
 
     name: str
@@ -102,6 +102,10 @@ class HeightConstraint:
         for name in ("shared_sigma", "least_sigma"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise InvalidValueError(f"has a wrong {name.replace('_', ' ')}", self.name)
+        if not 1.0 <= self.common < np.inf:
+            raise InvalidValueError(
+                f"has errors that {self.common:g} points share, not 1 or more", self.name
+            )
         if self.least_sigma and self.points is not None:
             raise InvalidValueError("has points, whose sigmas must be known", self.name)
         if self.blur is not None:

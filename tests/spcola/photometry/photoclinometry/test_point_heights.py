@@ -187,6 +187,13 @@ def test_a_least_sigma_that_is_none_is_refused(least):
         replace(heights, least_sigma=least)
 
 
+@pytest.mark.parametrize("common", [0.0, 0.5, -1.0, np.inf, np.nan])
+def test_an_error_that_less_than_one_point_shares_is_refused(common):
+    heights = HeightConstraint.of_sigma("shape", np.zeros(GRID.shape), 0.1)
+    with pytest.raises(InvalidValueError, match=r"shape: has errors that .* points share"):
+        replace(heights, common=common)
+
+
 def test_points_of_unknown_sigma_are_refused():
     with pytest.raises(InvalidValueError, match="returns: has points, whose sigmas must be known"):
         replace(constraint_of("returns", GRID, points_of(20)), least_sigma=0.1)
