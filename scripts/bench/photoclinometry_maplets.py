@@ -6,8 +6,9 @@ of the solution in use.
 - heights: each maplet's root mean square of the errors about their mean, in metres and in pixels of
   the best image.
 - slopes: errors of the slopes at points, at the GSD of the maplets, against those of the ground and
-  of its means over a cell, which pixels see; shares of the errors of both slopes of cells within
-  one and two of their sigmas, over all maplets.
+  of its means over a cell, which pixels see; errors of the steps between neighbouring means over a
+  pixel of the images (the median of those that show the maplet, whole cells), over its side; shares
+  of the errors of both slopes of cells within one and two of their sigmas, over all maplets.
 - albedo: correlation of the relative albedo of each maplet with the truth where three of its images
   or more show the ground with an incidence below 60 degrees: at points, against means of the truth
   over the square of a cell about them, and of means over 3 x 3 points; and its multiple correlation
@@ -106,12 +107,14 @@ class Errors:
     ----------
     images : int
         That show it.
-    pixel : float
-        Of the best of them, metres.
+    pixel, usual_pixel : float
+        Of the best of them, and their median, metres.
     height, slope : float
         Root mean square: heights about their mean, metres; slopes at points, degrees.
     seen_slope : float
         The latter against the slopes of the ground's means over a cell.
+    pixel_slope : float
+        Of slopes between means over the median pixel.
     tilts : ndarray
         Errors of the slopes of cells, over their sigmas.
     albedo : AlbedoErrors, optional
@@ -120,9 +123,11 @@ class Errors:
 
     images: int
     pixel: float
+    usual_pixel: float
     height: float
     slope: float
     seen_slope: float
+    pixel_slope: float
     tilts: np.ndarray
     albedo: AlbedoErrors | None
 
@@ -174,7 +179,8 @@ class Truth:
         maplet = made.maplet
         fits = self.fits[name]["images"].items()
         seen = {image: fit for image, fit in fits if fit["fit"] != "not-seen"}
-        pixel = min(fit["pixel_m"] for fit in seen.values())
+        pixels = [fit["pixel_m"] for fit in seen.values()]
+        usual = float(np.median(pixels))
         inner = slice(EDGE, -EDGE)
         height = heights_in_frame(self.body, maplet.grid, self.planted.similarity)
         wrong = (maplet.height - height)[inner, inner]
@@ -188,10 +194,12 @@ class Truth:
         albedo = self.albedo(maplet, made.albedo_sigma, height, seen)
         return Errors(
             len(seen),
-            pixel,
+            min(pixels),
+            usual,
             float(np.nanstd(wrong)),
             slope,
             seen_slope,
+            between_pixels(maplet.height - seen_height, gsd, usual),
             tilts[np.isfinite(tilts)],
             albedo,
         )
@@ -261,6 +269,17 @@ def steepness(error: np.ndarray, gsd: float) -> float:
     return float(np.degrees(np.arctan(np.sqrt(np.nanmean(tilt**2)))))
 
 
+def between_pixels(error: np.ndarray, gsd: float, pixel: float) -> float:
+    """Return that of the slopes between neighbouring means over a pixel, whole cells, degrees."""
+    side = max(1, round(pixel / gsd))
+    inner = error[EDGE:-EDGE, EDGE:-EDGE]
+    rows, columns = (size // side for size in inner.shape)
+    squares = inner[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    pixels = squares.mean(axis=(1, 3)) / (side * gsd)
+    square = sum(np.nanmean(np.diff(pixels, axis=axis) ** 2) for axis in (0, 1))
+    return float(np.degrees(np.arctan(np.sqrt(square))))
+
+
 def means(layer: np.ndarray) -> np.ndarray:
     """Return the means over 3 x 3 points of a layer (R, C), NaN next to unknown ones."""
     return ndimage.convolve(layer, np.full((3, 3), 1.0 / 9.0))
@@ -317,12 +336,21 @@ def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
     """Yield what is printed of one solution."""
     table = {
         name: np.array([getattr(one, name) for one in found])
-        for name in ("images", "pixel", "height", "slope", "seen_slope")
+        for name in (
+            "images",
+            "pixel",
+            "usual_pixel",
+            "height",
+            "slope",
+            "seen_slope",
+            "pixel_slope",
+        )
     }
     pixels = table["height"] / table["pixel"]
     typical, ninth, most = np.quantile(pixels, [0.5, 0.9, 1.0])
-    heights, slopes, seen = (
-        np.sqrt(np.mean(table[name] ** 2)) for name in ("height", "slope", "seen_slope")
+    heights, slopes, seen, coarse = (
+        np.sqrt(np.mean(table[name] ** 2))
+        for name in ("height", "slope", "seen_slope", "pixel_slope")
     )
     pixel = np.median(table["pixel"])
     yield f"{title}: {len(found)} maplets, best pixels of {pixel:.2f} m (median)"
@@ -335,6 +363,10 @@ def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
     yield (
         f"  slopes {slopes:.2f} deg, median of maplets {middle:.2f}; against means over cells "
         f"{seen:.2f}, {np.median(table['seen_slope']):.2f} (goal {SLOPES_DEG:g})"
+    )
+    yield (
+        f"  between means over a pixel of {np.median(table['usual_pixel']):.2f} m (median) "
+        f"{coarse:.2f}, {np.median(table['pixel_slope']):.2f}"
     )
     if len(tilts := np.abs(np.concatenate([one.tilts for one in found]))):
         pull, one, two = np.sqrt(np.mean(tilts**2)), np.mean(tilts < 1.0), np.mean(tilts < 2.0)
