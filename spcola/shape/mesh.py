@@ -10,6 +10,9 @@ import numpy as np
 from spcola.arrays import FloatArray, IntArray, check_finite, frozen, read_only
 from spcola.errors import InvalidValueError
 
+# Relief that facets do not resolve, of their side.
+_MISSED_RELIEF = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -81,11 +84,23 @@ class Mesh:
         return float(np.cbrt(3.0 * abs(self.volume) / (4.0 * np.pi)))
 
     @property
+    def facet_side(self) -> float:
+        """Side of the square that two facets of the median area make, metres."""
+        areas = np.linalg.norm(self.area_vectors, axis=1)
+        return float(np.sqrt(2.0 * np.median(areas)))
+
+    @property
     def sagitta(self) -> float:
         """Distance of the middle of an edge below the round body whose chord it is, metres.
 
         l²/(8 R), with the facets' typical edge l and the mean radius R.
         """
-        area = float(np.median(np.linalg.norm(self.area_vectors, axis=1)))
-        # Two facets make a square: its side.
-        return 2.0 * area / (8.0 * self.mean_radius)
+        return self.facet_side**2 / (8.0 * self.mean_radius)
+
+    @property
+    def missed_relief(self) -> float:
+        """Largest likely sigma of the relief that the facets do not resolve, metres.
+
+        A tenth of their side: twice what shapes of synthetic bodies like Bennu miss.
+        """
+        return _MISSED_RELIEF * self.facet_side

@@ -74,7 +74,7 @@ class LithosCommandOptions:
             min=1e-6,
             max=1e5,
             help="Sigma of the shape's heights, [lithos] shape_sigma_m. Else images show it, the "
-            "GSD of a maplet at most.",
+            "GSD of a maplet at most, or a tenth of the side of its facets.",
         ),
     ] = None
     map: Annotated[

@@ -69,8 +69,8 @@ class TileOptions:
             min=1e-6,
             max=1e6,
             help="Sigma of the maplets' centres along each axis. By default that of the maplets "
-            "that seed them, if stated; else the GSD, or the height of the surface's curve over a "
-            "facet of the shape if that is larger.",
+            "that seed them, if stated; else the GSD, or a tenth of the side of the shape's facets "
+            "if that is larger.",
         ),
     ] = None
     max_images: Annotated[

@@ -21,11 +21,14 @@ from spcola.arrays import FloatArray
 from spcola.errors import RejectedResultError, WorkspaceError
 from spcola.grids import Maplet, MapletGrid, project_maplet
 from spcola.photometry.photoclinometry import HeightConstraint
-from spcola.shape import RayCaster, shape_heights
+from spcola.shape import Mesh, RayCaster, shape_heights
 
 # Points of a shape, and of a maplet, that share one error; of a coarser one, its own points.
 _COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
-# Least sigma of a shape, GSDs, however well images agree with it: it may be made of the same ones.
+# Those of a shape are at least all in a square whose side is that of so many of its facets.
+_COMMON_FACETS = 2.3
+# Least sigma of a shape, of the largest one, however well images agree with it: it may be made of
+# the same ones.
 _LEAST_SHAPE_SIGMA = 0.2
 # Sigmas of the shape that a limb may lie from the shape's.
 _FARTHEST = 3.0
@@ -95,7 +98,7 @@ class ConstrainingHeights:
             images.beyond if ConstraintKind.SHAPE in asked else None,
             _mapolas(workspace, grids) if lidar else None,
             RegisteredReturns.of(workspace) if returns else None,
-            Limbs(images, _reach(options, grids)) if ConstraintKind.LIMBS in asked else None,
+            _limbs(images, grids, options) if ConstraintKind.LIMBS in asked else None,
             read_maps(options.maps, options.map_sigma_m),
             options,
         )
@@ -143,10 +146,12 @@ class ConstrainingHeights:
 
     def _of_shape(self, shape: RayCaster, grid: MapletGrid) -> HeightConstraint:
         """Return those of the shape; without a sigma in the options, one that images lower."""
-        sigma = self.options.shape_sigma_m
+        given, largest = self.options.shape_sigma_m, _largest_shape_sigma(shape.mesh, grid.gsd)
         heights = shape_heights(shape, grid, reach=grid.radius)
-        found = HeightConstraint.of_sigma("shape", heights, sigma or grid.gsd, common=_COMMON_SHAPE)
-        return found if sigma else replace(found, least_sigma=_LEAST_SHAPE_SIGMA * grid.gsd)
+        facets = (_COMMON_FACETS * shape.mesh.facet_side / grid.gsd) ** 2
+        common = min(max(_COMMON_SHAPE, facets), heights.size)
+        found = HeightConstraint.of_sigma("shape", heights, given or largest, common=common)
+        return found if given else replace(found, least_sigma=_LEAST_SHAPE_SIGMA * largest)
 
     def _maplets(self, start: Maplet) -> list[HeightConstraint]:
         """Return those of the maplets that overlap it, of the kinds that are asked for."""
@@ -209,10 +214,20 @@ def _mapolas(workspace: Workspace, grids: dict[str, MapletGrid]) -> Scene:
     return scene
 
 
-def _reach(options: LithosOptions, grids: dict[str, MapletGrid]) -> float:
-    """Return how far limbs may lie from the shape's, metres."""
-    sigma = options.shape_sigma_m or float(np.median([grid.gsd for grid in grids.values()]))
-    return _FARTHEST * sigma
+def _limbs(images: ImageScene, grids: dict[str, MapletGrid], options: LithosOptions) -> Limbs:
+    """Return the limbs of the shape, as far from it as it may be wrong."""
+    assert images.beyond is not None
+    usual = float(np.median([grid.gsd for grid in grids.values()]))
+    sigma = options.shape_sigma_m or _largest_shape_sigma(images.beyond.mesh, usual)
+    return Limbs(images, _FARTHEST * sigma)
+
+
+def _largest_shape_sigma(shape: Mesh, gsd: float) -> float:
+    """Return the largest likely sigma of a shape's heights on a grid of a GSD, all metres.
+
+    What the grid is to show is not known from the shape, nor is what its facets do not resolve.
+    """
+    return max(gsd, shape.missed_relief)
 
 
 def _kind_of(other: MapletGrid, grid: MapletGrid) -> ConstraintKind:

@@ -63,7 +63,8 @@ class LithosOptions:
     constraints : tuple of ConstraintKind
     shape_sigma_m : float, optional
         One standard deviation of the shape's heights, metres. If not given, images show it: the GSD
-        of a maplet at most, a fifth of it at least.
+        of a maplet at most, or a tenth of the side of its facets if that is larger; a fifth of that
+        at least.
     maps : tuple of Path
         Files of `MAPS`.
     map_sigma_m : float, optional

@@ -21,9 +21,11 @@ from fusion.stages.lithos.returns import RegisteredReturns, noise_of_pairs, supp
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
 from spcola.formats.maplets import read_maplet, write_maplet
+from spcola.formats.shapes import write_icq
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape import RayCaster, shape_heights
 from spcola.truth.body import TruthBody
+from spcola.truth.solution import spc_shape
 
 NAME = "TR0009"
 GRID = MapletGrid.facing(np.array([80.0, 20.0, 10.0]), [0.9, 0.3, 0.2], 0.5, 20)
@@ -70,6 +72,20 @@ def test_returns_make_heights_and_their_sigmas_better(mission, with_returns):
     assert np.std(found) < 0.6 * np.std(without)
     sigma = Workspace.open(mission[0], "returns").maplet(NAME).sigma
     assert np.sqrt(np.mean((found / sigma) ** 2)) < 1.5
+
+
+def test_a_shape_of_large_facets_is_as_wrong_as_what_they_do_not_resolve(mission, tmp_path):
+    """Facets of nine metres on maplets of 0.75 m: it is wrong by more than a GSD in places."""
+    root, settings = tmp_path / "WS", mission[1]
+    shutil.copytree(mission[0], root, symlinks=True)
+    path = Workspace.open(root).shape_path()
+    path.unlink()
+    write_icq(path, spc_shape(TruthBody(settings.body), settings.to_spc, 6))
+    assert Workspace.open(root).shape().facet_side == pytest.approx(9.5, abs=0.1)
+    solved(root, "shape", name="coarse", only="TR0012")
+    error = height_error((root, settings), "coarse", "TR0012")
+    sigma = Workspace.open(root, "coarse").maplet("TR0012").sigma
+    assert np.sqrt(np.nanmean((error / sigma) ** 2)) < 1.5
 
 
 def test_they_lie_where_their_registration_puts_them(mission):

@@ -109,7 +109,7 @@ class LithosSettings(Table):
     shape_sigma_m: SigmaOrNone = Field(
         default=0.0,
         description="sigma of the shape's heights; 0: found from images, the GSD of a maplet at "
-        "most",
+        "most, or a tenth of the side of its facets",
     )
     maps: list[Text] = Field(
         default=[],
