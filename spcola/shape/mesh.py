@@ -83,7 +83,7 @@ class Mesh:
         """Radius of the sphere of equal volume, metres."""
         return float(np.cbrt(3.0 * abs(self.volume) / (4.0 * np.pi)))
 
-    @property
+    @cached_property
     def facet_side(self) -> float:
         """Side of the square that two facets of the median area make, metres."""
         areas = np.linalg.norm(self.area_vectors, axis=1)

@@ -23,10 +23,9 @@ from spcola.grids import Maplet, MapletGrid, project_maplet
 from spcola.photometry.photoclinometry import HeightConstraint
 from spcola.shape import Mesh, RayCaster, shape_heights
 
-# Points of a shape, and of a maplet, that share one error; of a coarser one, its own points.
+# Points of a shape, and of a maplet, that share one error; of a coarser one, its own points. Those
+# in the square of two facets share it, however many they are.
 _COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
-# Those of a shape are at least all in a square whose side is that of so many of its facets.
-_COMMON_FACETS = 2.3
 # Least sigma of a shape, of the largest one, however well images agree with it: it may be made of
 # the same ones.
 _LEAST_SHAPE_SIGMA = 0.2
@@ -145,12 +144,16 @@ class ConstrainingHeights:
         return tuple(one for one in found if one is not None)
 
     def _of_shape(self, shape: RayCaster, grid: MapletGrid) -> HeightConstraint:
-        """Return those of the shape; without a sigma in the options, one that images lower."""
+        """Return those of the shape; without a sigma in the options, one that images lower.
+
+        Facets are chords: all may lie below the ground by as much as their middles do.
+        """
         given, largest = self.options.shape_sigma_m, _largest_shape_sigma(shape.mesh, grid.gsd)
         heights = shape_heights(shape, grid, reach=grid.radius)
-        facets = (_COMMON_FACETS * shape.mesh.facet_side / grid.gsd) ** 2
-        common = min(max(_COMMON_SHAPE, facets), heights.size)
+        in_facets = (shape.mesh.facet_side / grid.gsd) ** 2
+        common = min(max(_COMMON_SHAPE, in_facets), heights.size)
         found = HeightConstraint.of_sigma("shape", heights, given or largest, common=common)
+        found = replace(found, shared_sigma=shape.mesh.sagitta)
         return found if given else replace(found, least_sigma=_LEAST_SHAPE_SIGMA * largest)
 
     def _maplets(self, start: Maplet) -> list[HeightConstraint]:

@@ -132,7 +132,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     counted = fit.priors_in_sigmas(_slope_sigma(fit, directions))
     equations = height_equations(trusted, fit.surface, counted, options, most_m=farthest)
     posterior = equations.posterior(contrast, options.contrast_sigma)
-    bend, top = _bend_errors(fit)
+    bend, top, finer = _bend_errors(fit)
     height_sigma = np.sqrt(posterior.heights() + bend**2 + top**2)
     maplet = replace(
         fit.start,
@@ -145,7 +145,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     gsd = maplet.grid.gsd
     sloped = np.isfinite(cell_slopes(maplet.height, gsd))
     # What the grid does not resolve is independent at the four points of a cell.
-    slope_variance = posterior.slopes(gsd) + at_cells(bend**2) / gsd**2
+    slope_variance = posterior.slopes(gsd) + at_cells(bend**2 + finer**2) / gsd**2
     slope_sigma = np.where(sloped, np.sqrt(slope_variance), np.nan)
     albedo_sigma = albedo_sigma_of(reduced, posterior, options)
     # Images count less than a prior of `albedo_sigma`: unknown, as on fixed topography.
@@ -203,10 +203,15 @@ def _departure(away: FloatArray, directions: AnyArray) -> float:
     return float("nan")
 
 
-def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:
-    """Return errors of heights (R, C) where the surface bends, m: single ones, and whole tops."""
+def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return errors of heights (R, C) where the surface bends, m: single ones, and whole tops.
+
+    The last are those of relief finer than the grid, which single slopes show: it is everywhere,
+    also where the grid is smooth, and bends like ordinary ground.
+    """
     bend = bending_around(fit.surface.height)
-    ordinary = _ORDINARY * float(np.median(bend))
+    usual = float(np.median(bend))
+    ordinary = _ORDINARY * usual
     excess = np.sqrt(np.maximum(bend**2 - ordinary**2, 0.0))
     options, grid = fit.options, fit.start.grid
     measuring = _measuring(fit)
@@ -219,7 +224,7 @@ def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray]:
     )
     near = constrained_points(others, grid, _NEAR_CELLS)
     top_sigma = np.where(near, options.measured_top_sigma, top_sigma)
-    return bend_sigma * bend, top_sigma * excess
+    return bend_sigma * bend, top_sigma * excess, bend_sigma * usual
 
 
 def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photoclinometry:
