@@ -89,13 +89,15 @@ class Mesh:
         areas = np.linalg.norm(self.area_vectors, axis=1)
         return float(np.sqrt(2.0 * np.median(areas)))
 
-    @property
+    @cached_property
     def sagitta(self) -> float:
         """Distance of the middle of an edge below the round body whose chord it is, metres.
 
-        l²/(8 R), with the facets' typical edge l and the mean radius R.
+        l²/(8 R), with the facets' typical edge l and the median distance R of the vertices from the
+        body's centre, which parts of a body have, too.
         """
-        return self.facet_side**2 / (8.0 * self.mean_radius)
+        radius = float(np.median(np.linalg.norm(self.vertices, axis=1)))
+        return self.facet_side**2 / (8.0 * radius)
 
     @property
     def missed_relief(self) -> float:
