@@ -24,7 +24,7 @@ from spcola.photometry.photoclinometry import HeightConstraint
 from spcola.shape import Mesh, RayCaster, shape_heights
 
 # Points of a shape, and of a maplet, that share one error; of a coarser one, its own points. Those
-# in the square of two facets share it, however many they are.
+# on a facet of the shape share it, however many they are.
 _COMMON_SHAPE, _COMMON_MAPLET = 100.0, 400.0
 # Least sigma of a shape, of the largest one, however well images agree with it: it may be made of
 # the same ones.
@@ -150,8 +150,8 @@ class ConstrainingHeights:
         """
         given, largest = self.options.shape_sigma_m, _largest_shape_sigma(shape.mesh, grid.gsd)
         heights = shape_heights(shape, grid, reach=grid.radius)
-        in_facets = (shape.mesh.facet_side / grid.gsd) ** 2
-        common = min(max(_COMMON_SHAPE, in_facets), heights.size)
+        on_facet = 0.5 * (shape.mesh.facet_side / grid.gsd) ** 2
+        common = min(max(_COMMON_SHAPE, on_facet), heights.size)
         found = HeightConstraint.of_sigma("shape", heights, given or largest, common=common)
         found = replace(found, shared_sigma=shape.mesh.sagitta)
         return found if given else replace(found, least_sigma=_LEAST_SHAPE_SIGMA * largest)
