@@ -4,7 +4,7 @@ At the places of a synthetic mission that most images show, maplets of each GSD 
 shape (`spcola spc tile`), solved (`spcola spc lithos --start shape --constraint shape`), and
 compared with the truth, without their edges: those that converged. Resolved and coherent are as in
 photoclinometry_fine.py, printed in metres, in cells and in pixels: the median pixel of the images
-that show a maplet.
+that show a maplet. They are nan where more than half is left down to two GSDs, the grid's limit.
 
     python scripts/bench/photoclinometry_pixel.py WORKSPACE --mission DIR --solution NAME
         [--gsd 0.16 0.08 0.05] [--places 8]

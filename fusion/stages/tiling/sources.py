@@ -94,7 +94,7 @@ class Sources:
     @property
     def shape_error(self) -> float:
         """Sigma of what the facets of the shape do not resolve, metres; 0 without a shape."""
-        return 0.0 if self.shape is None else max(self.shape.sagitta, self.shape.missed_relief)
+        return 0.0 if self.shape is None else self.shape.missed_relief
 
 
 def sources_of(workspace: Workspace, options: TilingOptions, progress: Progress) -> Sources:
