@@ -29,8 +29,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from maplets.means import mean_heights
 from photoclinometry import prepared, solved
-from photoclinometry_maplets import mean_heights
 
 from fusion.truth.assessment.assessment import light_on
 from fusion.truth.assessment.gather import workspace_models

@@ -11,8 +11,9 @@ of the solution in use.
   of the errors of both slopes of cells within one and two of their sigmas, over all maplets.
 - albedo: correlation of the relative albedo of each maplet with the truth where three of its images
   or more show the ground with an incidence below 60 degrees: at points, against means of the truth
-  over the square of a cell about them, and of means over 3 x 3 points; and its multiple correlation
-  with both slopes, next to that of the true albedo with the true slopes.
+  over the square of a cell about them, of means over 3 x 3 points, and of means over a pixel (as
+  for slopes); and its multiple correlation with both slopes, next to that of the true albedo with
+  the true slopes.
 
 Then slopes and albedo of maplets by the number of their images.
 
@@ -27,7 +28,7 @@ ground that cells do not resolve, leave of the albedo.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -36,8 +37,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import numpy as np
-from real.printed import explained
-from scipy import ndimage
+from maplets.albedo import AlbedoErrors, TrueGround, albedo_errors, albedo_lines
+from maplets.means import EDGE, mean_heights, over_pixels, pixel_side
 from truth import timed
 
 from fusion.truth.planted import Planted, read_truth
@@ -50,53 +51,21 @@ from spcola.formats.image_sigmas import (
     slope_sigma_path,
 )
 from spcola.formats.maplets import write_maplet
-from spcola.grids import Maplet, MapletGrid
+from spcola.grids import Maplet
 from spcola.heights.slopes import slopes_of
-from spcola.math import Similarity
 from spcola.photometry.ground import Ground
 from spcola.photometry.photoclinometry.surface import cell_slopes
 from spcola.truth.body import TruthBody
 from spcola.truth.solution import heights_in_frame
 
-# Goals of the issue: typical and largest height error (pixels), slopes (degrees), albedo.
-TYPICAL_PX, MOST_PX, SLOPES_DEG, ALBEDO, TOPOGRAPHY = 1.0, 3.0, 3.0, 0.9, 0.1
+# Goals of the issue: typical and largest height error (pixels), slopes (degrees).
+TYPICAL_PX, MOST_PX, SLOPES_DEG = 1.0, 3.0, 3.0
 # Incidence of the goal for albedo, and images that have to show the ground like that.
 MOST_INCIDENCE, LEAST_IMAGES = np.radians(60.0), 3
 # Groups of maplets by the number of their images begin with these.
 GROUPS = (2, 5, 7, 9, 1000)
-# Samples along the side of a cell whose mean is taken.
-FINE = 3
-# Points at the edges of maplets that are not compared: their slopes are one-sided.
-EDGE = 4
 # Solution of maplets on their true heights, and the sigma of these, GSDs.
 LIMIT, TRUE_SIGMA = "on-true-heights", 0.001
-
-
-@dataclass(frozen=True)
-class AlbedoErrors:
-    """Of one maplet.
-
-    Parameters
-    ----------
-    correlation, seen, of_means : float
-        With the truth: of points, with its means over cells about them, and of means over 3 x 3
-        points.
-    error, sigma : float
-        Root mean square of the errors about their mean, and of their stated sigma.
-    within : float
-        Share of the errors within one sigma.
-    topography, true_topography : float
-        Multiple correlation with both slopes; that of the true albedo with the true ones.
-    """
-
-    correlation: float
-    seen: float
-    of_means: float
-    error: float
-    sigma: float
-    within: float
-    topography: float
-    true_topography: float
 
 
 @dataclass(frozen=True)
@@ -191,7 +160,9 @@ class Truth:
         )
         tilts = cell_slopes(maplet.height - height, gsd) / made.slope_sigma
         tilts = tilts[:, inner, inner]
-        albedo = self.albedo(maplet, made.albedo_sigma, height, seen)
+        ground = TrueGround.of(self.body, maplet.grid, height, self.planted.similarity)
+        well = self.well_lit(Ground.of(maplet.grid, height), seen)
+        albedo = albedo_errors(maplet, made.albedo_sigma, ground, well, usual)
         return Errors(
             len(seen),
             min(pixels),
@@ -204,63 +175,10 @@ class Truth:
             albedo,
         )
 
-    def albedo(
-        self, maplet: Maplet, sigma: np.ndarray, height: np.ndarray, seen: Mapping[str, Any]
-    ) -> AlbedoErrors | None:
-        """Compare the albedo of a maplet with the truth, given the true heights on its grid."""
-        ground, similarity = Ground.of(maplet.grid, height), self.planted.similarity
-        well = sum(
-            (ground.cosine(ground.sun(self.images[one])) > np.cos(MOST_INCIDENCE)).astype(int)
-            for one in seen
-        )
-        true = albedo_of(self.body, ground, similarity)
-        seen_true = mean_albedo(self.body, maplet.grid, similarity)
-        good = (well >= LEAST_IMAGES) & np.isfinite(maplet.albedo) & np.isfinite(maplet.height)
-        good[:EDGE], good[-EDGE:], good[:, :EDGE], good[:, -EDGE:] = False, False, False, False
-        if good.mean() < 0.1:
-            return None
-        own, right = maplet.albedo[good], true[good]
-        error = own / own.mean() - right / right.mean()
-        return AlbedoErrors(
-            float(np.corrcoef(own, right)[0, 1]),
-            float(np.corrcoef(own, seen_true[good])[0, 1]),
-            float(np.corrcoef(means(maplet.albedo)[good], means(true)[good])[0, 1]),
-            float(error.std()),
-            float(np.sqrt(np.mean(sigma[good] ** 2))),
-            float(np.mean(np.abs(error) < sigma[good])) if known(sigma[good]) else float("nan"),
-            by_slopes(maplet.albedo, maplet.height, good, maplet.grid.gsd),
-            by_slopes(true, height, good, maplet.grid.gsd),
-        )
-
-
-def mean_heights(body: TruthBody, grid: MapletGrid, similarity: Similarity) -> np.ndarray:
-    """Return the mean true heights (R, C) over squares of one GSD about the points of a grid."""
-    return over_cells(heights_in_frame(body, fine_grid(grid), similarity))
-
-
-def mean_albedo(body: TruthBody, grid: MapletGrid, similarity: Similarity) -> np.ndarray:
-    """Return the mean true albedo (R, C) over squares of one GSD about the points of a grid."""
-    fine = fine_grid(grid)
-    ground = Ground.of(fine, heights_in_frame(body, fine, similarity))
-    return over_cells(albedo_of(body, ground, similarity))
-
-
-def albedo_of(body: TruthBody, ground: Ground, similarity: Similarity) -> np.ndarray:
-    """Return the true albedo (R, C) at the points of some ground."""
-    places = similarity.inverse().apply(ground.points.reshape(-1, 3))
-    return body.albedo(places).reshape(ground.points.shape[:2])
-
-
-def fine_grid(grid: MapletGrid) -> MapletGrid:
-    """Return a grid with 3 x 3 points in the square of one GSD about each point of another."""
-    half = FINE * grid.half_size + FINE // 2
-    return MapletGrid(grid.center, grid.axes, grid.gsd / FINE, half)
-
-
-def over_cells(layer: np.ndarray) -> np.ndarray:
-    """Return the means (R, C) of a layer (3 R, 3 C) of such a grid."""
-    rows, columns = (size // FINE for size in layer.shape)
-    return layer.reshape(rows, FINE, columns, FINE).mean(axis=(1, 3))
+    def well_lit(self, ground: Ground, seen: Iterable[str]) -> np.ndarray:
+        """Return where (R, C) enough of the named images show the true ground in high light."""
+        suns = (ground.cosine(ground.sun(self.images[one])) for one in seen)
+        return sum((one > np.cos(MOST_INCIDENCE)).astype(int) for one in suns) >= LEAST_IMAGES
 
 
 def steepness(error: np.ndarray, gsd: float) -> float:
@@ -271,30 +189,9 @@ def steepness(error: np.ndarray, gsd: float) -> float:
 
 def between_pixels(error: np.ndarray, gsd: float, pixel: float) -> float:
     """Return that of the slopes between neighbouring means over a pixel, whole cells, degrees."""
-    side = max(1, round(pixel / gsd))
-    inner = error[EDGE:-EDGE, EDGE:-EDGE]
-    rows, columns = (size // side for size in inner.shape)
-    squares = inner[: rows * side, : columns * side].reshape(rows, side, columns, side)
-    pixels = squares.mean(axis=(1, 3)) / (side * gsd)
+    pixels = over_pixels(error, gsd, pixel) / (pixel_side(gsd, pixel) * gsd)
     square = sum(np.nanmean(np.diff(pixels, axis=axis) ** 2) for axis in (0, 1))
     return float(np.degrees(np.arctan(np.sqrt(square))))
-
-
-def means(layer: np.ndarray) -> np.ndarray:
-    """Return the means over 3 x 3 points of a layer (R, C), NaN next to unknown ones."""
-    return ndimage.convolve(layer, np.full((3, 3), 1.0 / 9.0))
-
-
-def known(sigma: np.ndarray) -> bool:
-    """Return whether any sigma is stated."""
-    return bool(np.isfinite(sigma).any())
-
-
-def by_slopes(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: float) -> float:
-    """Return the multiple correlation of albedo with both slopes, where `good`; all (R, C)."""
-    slopes = np.array(slopes_of(height, gsd))
-    good = good & np.isfinite(slopes).all(axis=0)
-    return explained(albedo[good], slopes[:, good])
 
 
 def compared(
@@ -377,20 +274,6 @@ def lines(title: str, found: Sequence[Errors]) -> Iterator[str]:
             {name: np.array([one[name] for one in albedo]) for name in albedo[0]}
         )
     yield from by_images(found)
-
-
-def albedo_lines(of: Mapping[str, np.ndarray]) -> Iterator[str]:
-    """Yield what is printed of the albedo, from arrays over maplets."""
-    middle, low = np.quantile(of["correlation"], [0.5, 0.1])
-    yield (
-        f"  albedo of {len(of['error'])}: correlation with the truth {middle:.3f} (median), "
-        f"{low:.3f} (tenth), with its means over cells {np.median(of['seen']):.3f}, of means over "
-        f"3 x 3 points {np.median(of['of_means']):.3f} (goal {ALBEDO:g})"
-    )
-    error, sigma, within = (np.median(of[name]) for name in ("error", "sigma", "within"))
-    yield f"  its error {error:.4f}, sigma {sigma:.4f}, within one {within:.2f}"
-    own, true = (np.median(of[name]) for name in ("topography", "true_topography"))
-    yield f"  with slopes {own:.3f}, the true albedo {true:.3f} (goal {TOPOGRAPHY:g})"
 
 
 def by_images(found: Sequence[Errors]) -> Iterator[str]:

@@ -23,7 +23,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from photoclinometry_maplets import by_slopes
+from maplets.albedo import by_slopes
 from scipy import ndimage
 
 from fusion.runtime.machine.threads import one_blas_thread
