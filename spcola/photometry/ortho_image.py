@@ -15,7 +15,7 @@ from spcola.photometry.ground import Facets, Ground
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
 
-# Distance of a ray from its own grid before other ground may occlude it, grid steps.
+# Distance of a ray from its own grid before other ground may occlude it, GSDs.
 _CLEAR = 2.0
 # Ground of the body over the grid is other ground from this height on, in radii of the grid.
 _ABOVE = 0.5
@@ -147,19 +147,28 @@ def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
 
 
 def stop_at_other_ground(
-    reached: BoolArray, beyond: RayCaster, ground: Ground, direction: FloatArray
+    reached: BoolArray,
+    beyond: RayCaster,
+    ground: Ground,
+    direction: FloatArray,
+    square: MapletGrid | None = None,
 ) -> None:
-    """Clear `reached` (R, C) where other ground occludes the directions (R, C, 3)."""
+    """Clear `reached` (R, C) where other ground occludes the directions (R, C, 3).
+
+    Other ground is what lies beyond the border of `square`: that of the ground if not given, or the
+    grid of the same place of which this one is a coarse copy.
+    """
     chosen = np.nonzero(reached)
     if not chosen[0].size:
         return
     grid, along = ground.grid, direction[chosen]
-    steps = np.stack([grid.offsets[chosen[1]], grid.offsets[chosen[0]]], axis=1)
+    square = square or grid
+    places = grid.gsd * np.stack([grid.offsets[chosen[1]], grid.offsets[chosen[0]]], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Distance to the border of the square in the ray's direction, grid steps along the ray; NaN
+        # Distance to the border of the square in the ray's direction, metres along the ray; NaN
         # along a border that it follows.
-        border = (np.sign(along[:, :2]) * grid.half_size - steps) / along[:, :2]
-    way = grid.gsd * (np.nanmin(np.maximum(border, 0.0), axis=1) + _CLEAR)
+        border = (np.sign(along[:, :2]) * square.half_size * square.gsd - places) / along[:, :2]
+    way = np.fmin.reduce(np.maximum(border, 0.0), axis=1) + _CLEAR * square.gsd
     # A ray that is over its grid until it is above the whole body meets nothing beyond its border.
     way = np.where(np.isfinite(way), np.minimum(way, 2.0 * beyond.radius), 2.0 * beyond.radius)
     points, beams = ground.points[chosen], along @ grid.axes

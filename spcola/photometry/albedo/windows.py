@@ -159,7 +159,7 @@ class FixedGround:
         coarse = grid.with_gsd(_COARSE * grid.gsd)
         rough = resampled_points(height, grid, coarse)
         for k, image in enumerate(images):
-            far = open_ground(image, coarse, rough, () if beyond is None else (beyond,))
+            far = open_ground(image, coarse, rough, () if beyond is None else (beyond,), grid)
             near = _open_within(image, grid, np.where(points, height, np.nan))
             for share, outer, inner in zip(shares, far, near, strict=True):
                 both = at_cells(resampled_points(outer, coarse, grid)) * at_cells(inner)

@@ -39,7 +39,6 @@ def box_cells(
     u: FloatArray,
     v: FloatArray,
     facing: float,
-    blur: float,
     seen: FloatArray,
     boxes: FloatArray,
 ) -> None:
@@ -54,8 +53,6 @@ def box_cells(
         Sample and line of each point; pixel k of the window reaches from k to k + 1.
     facing : float
         Sign of the area of cells that face the camera.
-    blur : float
-        Twelve times the variance of the point spread, pixels².
     seen : (R − 1, C − 1) ndarray
         Share of each cell that the camera sees.
     boxes : (5, R − 1, C − 1) ndarray
@@ -69,8 +66,8 @@ def box_cells(
             by = 0.5 * (v1[j] - v0[j] + v1[j + 1] - v0[j + 1])
             x = 0.25 * (u0[j] + u0[j + 1] + u1[j] + u1[j + 1])
             y = 0.25 * (v0[j] + v0[j + 1] + v1[j] + v1[j + 1])
-            width = max(np.sqrt(ax * ax + bx * bx + blur), _LEAST_EXTENT)
-            height = max(np.sqrt(ay * ay + by * by + blur), _LEAST_EXTENT)
+            width = max(np.sqrt(ax * ax + bx * bx), _LEAST_EXTENT)
+            height = max(np.sqrt(ay * ay + by * by), _LEAST_EXTENT)
             area = max(facing * (ax * by - ay * bx), 0.0)
             boxes[0, i, j] = x - 0.5 * width
             boxes[1, i, j] = x + 0.5 * width

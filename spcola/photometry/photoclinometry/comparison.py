@@ -92,7 +92,8 @@ class Comparison:
             raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
         grid, height = maplet.grid, filled(maplet.height)
         coarse = grid.with_gsd(grid.gsd * options.levels[0])
-        opened = open_ground(image, coarse, resampled_points(height, grid, coarse), beyond)
+        rough = resampled_points(height, grid, coarse)
+        opened = open_ground(image, coarse, rough, beyond, grid)
         window = window_over(image, GridPoints.of(grid, height), coarse, opened, light=light)
         if window is None:
             return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.math.robust import MAD_TO_SIGMA
@@ -40,8 +41,6 @@ _FEWEST = 30
 _SCALE_ROUNDS = 3
 # Most pixels for a spread: the median of so many is within 2 % of that of all.
 _SAMPLE = 4000
-# Twelve variances of a uniform distribution are its squared width.
-_SQUARED_WIDTH = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,22 +116,39 @@ def _ground_in(
     seen, lit = window.seen_and_lit(surface)
     boxes, shades = np.empty((5, *seen.shape)), np.zeros((3, *seen.shape))
     u, v = window.places(surface.height, state.shift)
-    # Twelve variances of the point spread, blocks².
-    blur = _SQUARED_WIDTH * (options.psf_px / window.block) ** 2
-    box_cells(u, v, window.facing, blur, seen, boxes)
+    box_cells(u, v, window.facing, seen, boxes)
     function = int(options.function.code), options.function.packed
     for light in window.lights():
         shade_cells(function, surface.slopes, light, window.eye, state.gradient, shades)
     return _Ground(boxes, lit, shades)
 
 
-def _compared(window: ImageWindow, surface: Surface, ground: _Ground) -> Compared:
+def _blurred(
+    layers: FloatArray, window: ImageWindow, options: PhotoclinometryOptions, axes: tuple[int, int]
+) -> FloatArray:
+    """Return layers of pixels as the point spread has them; `axes` are lines and samples.
+
+    It is symmetric: what a cell gives to pixels through it, and what it takes from them, is the
+    same.
+    """
+    if options.psf_px == 0.0:
+        return layers
+    # Beyond the window is no ground of the grid.
+    return ndimage.gaussian_filter(
+        layers, options.psf_px / window.block, mode="constant", axes=axes
+    )
+
+
+def _compared(
+    window: ImageWindow, surface: Surface, ground: _Ground, options: PhotoclinometryOptions
+) -> Compared:
     """Spread the brightness of cells over the pixels of an image [16]."""
     light = surface.albedo * ground.shades[0] * ground.lit
     whole = (ground.boxes[-1] > 0.0) & (ground.lit >= 1.0)
     sharp, sums = np.empty_like(light), np.zeros((3, *window.pixels.shape))
     sharpen_cells(light, whole.astype(np.float64), sharp)
     spread_cells(ground.boxes, sharp, ground.lit, sums)
+    sums = _blurred(sums, window, options, (1, 2))
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     expect_pixels(sums, window.usable, _FILLED, used)
     return Compared(used, *sums)
@@ -153,7 +169,7 @@ def compare_image(
     state : ImageState
     options : PhotoclinometryOptions
     """
-    return _compared(window, surface, _ground_in(window, surface, state, options))
+    return _compared(window, surface, _ground_in(window, surface, state, options), options)
 
 
 def scaled(
@@ -241,7 +257,7 @@ def add_image(
     less well, at low phase or high incidence, count less.
     """
     ground = _ground_in(window, surface, state, options)
-    compared = _compared(window, surface, ground)
+    compared = _compared(window, surface, ground, options)
     used = np.zeros(window.pixels.shape, dtype=np.bool_)
     if find_inner(compared.expected, compared.used, used) < _FEWEST:
         return replace(state, spread=float("nan"))
@@ -255,6 +271,7 @@ def add_image(
         (state.scale, state.spread, options.least_brightness * mean, options.loss_scale,
          window.block), weighted,
     )  # fmt: skip
+    weighted = _blurred(weighted, window, options, (0, 1))
     if cells is not None:
         ground.boxes[-1] *= cells
     bright = state.scale * ground.lit, surface.albedo, ground.shades

@@ -286,16 +286,32 @@ def _in_blocks(layer: AnyArray, block: int) -> AnyArray:
 
 
 def open_ground(
-    image: SpcImage, grid: MapletGrid, height: FloatArray, beyond: Sequence[RayCaster]
+    image: SpcImage,
+    grid: MapletGrid,
+    height: FloatArray,
+    beyond: Sequence[RayCaster],
+    square: MapletGrid,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where ground beyond a grid neither hides nor shades its points (R, C), 0 or 1."""
+    """Return where ground beyond a grid neither hides nor shades its points (R, C), 0 or 1.
+
+    Parameters
+    ----------
+    image : SpcImage
+    grid : MapletGrid
+    height : (R, C) ndarray
+        Of its points, metres.
+    beyond : sequence of RayCaster
+        Surfaces around.
+    square : MapletGrid
+        Of the same place, as fine or finer: its border is where other ground begins.
+    """
     seen, lit = np.ones((2, *grid.shape), dtype=np.bool_)
     if beyond:
         ground = Ground.of(grid, height)
         eye, sun = ground.eye(image), np.broadcast_to(ground.sun(image), (*grid.shape, 3))
         for surface in beyond:
-            stop_at_other_ground(seen, surface, ground, eye)
-            stop_at_other_ground(lit, surface, ground, sun)
+            stop_at_other_ground(seen, surface, ground, eye, square)
+            stop_at_other_ground(lit, surface, ground, sun, square)
     return seen.astype(np.float64), lit.astype(np.float64)
 
 

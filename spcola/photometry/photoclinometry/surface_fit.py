@@ -136,7 +136,7 @@ class SurfaceFit:
         coarse = resampled_points(surface.height, grid, coarsest)
         known = nuisance_priors(images, states, grid.center, options)
         within = resampled_points(_interpolated(start, constraints, options), grid, coarsest)
-        opened = [open_ground(image, coarsest, coarse, beyond) for image in images]
+        opened = [open_ground(image, coarsest, coarse, beyond, grid) for image in images]
         fit = cls(
             start, images, constraints, secondary, options, known,
             [(np.minimum(seen, within), lit) for seen, lit in opened],
