@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,8 @@ MAPLET, REVERSED, FAR = "AA0001", "I4", "AA0002"
 other side of the body, which no image shows."""
 NOISE = 0.01
 """Relative, of the photographs."""
-# Directions to camera and Sun.
-_SIGHTS = [
+# Directions to camera and Sun, along south, east and up.
+SIGHTS = [
     ([0.3, 0.0, 1.0], [0.7, 0.1, 0.8]),
     ([-0.4, 0.2, 1.0], [-0.5, 0.4, 0.8]),
     ([0.0, 0.4, 1.0], [0.1, 0.7, 0.8]),
@@ -31,7 +32,9 @@ _SIGHTS = [
 ]
 
 
-def solved_workspace(root: Path) -> dict[str, Any]:
+def solved_workspace(
+    root: Path, sights: Sequence[tuple[list[float], list[float]]] = SIGHTS
+) -> dict[str, Any]:
     """Make it, with the solution `images` in use; return what ``spc lithos`` printed."""
     made = new_workspace(root, body="Waves")
     place = np.array([80.0, 20.0, 10.0])
@@ -40,7 +43,7 @@ def solved_workspace(root: Path) -> dict[str, Any]:
     for name, grid in grids.items():
         write_maplet(made.maplet_path(name), Maplet(name, grid, np.zeros(grid.shape)))
     rng = np.random.default_rng(5)
-    for number, (toward, sun) in enumerate(_SIGHTS):
+    for number, (toward, sun) in enumerate(sights):
         image = ground.photograph(f"I{number}", toward, sun, size=64)
         assert image.pixels is not None
         noisy = image.pixels * (1.0 + NOISE * rng.normal(size=image.pixels.shape))

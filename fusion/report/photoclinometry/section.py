@@ -166,10 +166,13 @@ def _view(one: SolvedMaplet, content: _Row) -> str:
 
 def _caption(content: _Row) -> str:
     zero, one, two = (f"{100.0 * share:.0f} %" for share in content["directions"])
+    # Solutions of former versions do not have it.
+    azimuth = content.get("undetermined_azimuth_deg")
+    across = "" if azimuth is None else f" (not along azimuth {round(azimuth) % 180}°)"
     return (
         f"{escape(content['outcome'])}: {escape(content['reason'])}. Images determine the slope in "
-        f"two directions in {two} of the cells, in one in {one}, in none in {zero}. Dotted lines: "
-        "a finer GSD begins."
+        f"two directions in {two} of the cells, in one in {one}{across}, in none in {zero}. Dotted "
+        "lines: a finer GSD begins."
     )
 
 

@@ -41,6 +41,12 @@ PHOTOCLINOMETRY_KEYS = {
     "maplets[].shift_m": "the same on the ground",
     "maplets[].sigma_m": "median sigma of the heights",
     "maplets[].directions": "shares of cells whose slope images determine in 0, 1, 2 directions",
+    "maplets[].undetermined_azimuth_deg": "axis along which slopes are not determined in cells "
+    "with one direction; across it they are: azimuth in the plane of the maplet, from north (the "
+    "body-fixed +Z in that plane) towards east, 0 to 180; null with fewer than ten such cells, or "
+    "where they do not agree",
+    "maplets[].undetermined_agreement": "how much the axes of these cells agree: length of the "
+    "mean of their double-angle vectors, 0 to 1; below 0.8 there is no azimuth",
     "maplets[].light_ratio": "residual of brightness with all Suns on the other side, over "
     "that with them as stated, on the coarsest GSD; median below 0.97: doubtful light",
     "maplets[].shift_ratio": "median over images of their shifts, in sigmas of their states; over "
@@ -162,7 +168,7 @@ def _worst_lines(content: Mapping[str, Any]) -> Iterator[str]:
 
 def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
     shares = np.bincount(one.directions.ravel(), minlength=3) / max(one.directions.size, 1)
-    known = one.maplet.sigma[np.isfinite(one.maplet.sigma)]
+    known, axis = one.maplet.sigma[np.isfinite(one.maplet.sigma)], one.undetermined_axis
     return {
         "outcome": str(one.outcome),
         "reason": one.reason,
@@ -170,6 +176,8 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
         **goodness(one.images),
         "sigma_m": float(np.median(known)) if known.size else None,
         "directions": shares.tolist(),
+        "undetermined_azimuth_deg": axis.azimuth_deg if axis.known else None,
+        "undetermined_agreement": axis.agreement if np.isfinite(axis.agreement) else None,
         "light_ratio": one.light_ratio if np.isfinite(one.light_ratio) else None,
         "shift_ratio": one.shift_ratio if np.isfinite(one.shift_ratio) else None,
         "rounds": [

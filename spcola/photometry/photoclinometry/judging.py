@@ -18,6 +18,7 @@ from spcola.photometry.photoclinometry.image_window import ImageWindow
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.result import Fit, ImageFit, Outcome, Round
 from spcola.photometry.photoclinometry.surface import Surface
+from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
 
 # With the Sun on the other side the correlation has to be higher by so much.
 _REVERSED = 0.3
@@ -113,6 +114,7 @@ def outcome_of(
     fits: Sequence[ImageFit],
     rounds: Sequence[Round],
     determined: float,
+    axis: UndeterminedAxis,
     options: PhotoclinometryOptions,
 ) -> tuple[Outcome, str]:
     """Return how photoclinometry ended, and why in one clause.
@@ -126,6 +128,8 @@ def outcome_of(
     determined : float
         Share of the cells of which images determine both directions of the slope, or that have
         heights of a sigma below the GSD, 0 … 1.
+    axis : UndeterminedAxis
+        Of the cells of which images determine one direction.
     options : PhotoclinometryOptions
     """
     start, after = np.array(before), np.array([fit.residual for fit in fits])
@@ -138,7 +142,7 @@ def outcome_of(
     if determined < LEAST_DETERMINED:
         return Outcome.UNDETERMINED, (
             "both directions of the slope are determined by images, or heights by constraints, in "
-            f"only {determined:.0%} of the cells"
+            f"only {determined:.0%} of the cells{_lacking(axis)}"
         )
     if last.height_m >= options.settled_gsd * last.gsd or last.albedo >= options.settled_albedo:
         return Outcome.NOT_CONVERGED, (
@@ -148,4 +152,14 @@ def outcome_of(
     return Outcome.CONVERGED, (
         f"heights changed by {last.height_m:.2g} m and albedo by {last.albedo:.2g} in the last "
         "round"
+    )
+
+
+def _lacking(axis: UndeterminedAxis) -> str:
+    """Return along which axis slopes are not determined, as the end of a clause; or nothing."""
+    if not axis.known:
+        return ""
+    return (
+        f"; slopes along azimuth {axis.shown_azimuth} (from north to east) are not determined by "
+        f"images in {axis.share:.0%} of the cells, those across it are"
     )

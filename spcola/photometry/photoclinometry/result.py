@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -11,6 +11,7 @@ from spcola.arrays import AnyArray, FloatArray
 from spcola.grids import Maplet
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.constraints import ConstraintFit
+from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
 
 
 class Outcome(StrEnum):
@@ -146,6 +147,8 @@ class Photoclinometry:
         without images.
     constraints : tuple of ConstraintFit
         How each constraint fits, in their order.
+    undetermined_axis : UndeterminedAxis
+        Along which slopes are not determined, in the cells with one direction.
     """
 
     maplet: Maplet
@@ -159,6 +162,7 @@ class Photoclinometry:
     light_ratio: float
     shift_ratio: float
     constraints: tuple[ConstraintFit, ...] = ()
+    undetermined_axis: UndeterminedAxis = field(default_factory=UndeterminedAxis)
 
     @property
     def point_albedo_sigma(self) -> FloatArray:

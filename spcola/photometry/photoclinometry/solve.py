@@ -27,6 +27,7 @@ from spcola.photometry.photoclinometry.surface_equations import (
     reduce_albedo,
 )
 from spcola.photometry.photoclinometry.surface_fit import SurfaceFit
+from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
 from spcola.photometry.secondary_light import SecondaryLight
 from spcola.shape import RayCaster
 
@@ -120,7 +121,8 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     reduced = reduce_albedo(sums, fit.surface, before, prior, expected)
     directions = determined_directions(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | fit.precise))
-    outcome, reason = outcome_of(fit.before, fits, fit.rounds, determined, options)
+    axis = UndeterminedAxis.of(reduced.slopes, directions == 1, fit.start.grid)
+    outcome, reason = outcome_of(fit.before, fits, fit.rounds, determined, axis, options)
     if outcome is Outcome.DIVERGED:
         return replace(_kept(fit, fits, outcome), reason=reason)
     known = np.any([fit.start.valid, *(one.weight > 0.0 for one in fit.constraints)], axis=0)
@@ -154,7 +156,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     albedo_sigma = options.convention.stated(albedo_sigma)
     return Photoclinometry(
         maplet, directions, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome, reason,
-        fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints),
+        fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints), axis,
     )  # fmt: skip
 
 

@@ -67,6 +67,11 @@ class Reduced:
     known: FloatArray
     gsd: float
 
+    @property
+    def slopes(self) -> FloatArray:
+        """Information (3, R − 1, C − 1) of images alone on slopes of cells: xx, xy, yy."""
+        return self.normal[[0, 1, 3]]
+
     @cached_property
     def cells(self) -> CellInformation:
         """What images alone determine, with the priors of nuisance parameters."""
@@ -333,7 +338,7 @@ def determined_directions(reduced: Reduced, most: float) -> AnyArray:
 
     A direction is determined if the sigma of the slope along it is at most `most`.
     """
-    xx, xy, yy = reduced.normal[[0, 1, 3]]
+    xx, xy, yy = reduced.slopes
     middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     least = most**-2
     return (middle + apart >= least).astype(np.int8) + (middle - apart >= least)
