@@ -14,8 +14,9 @@ from spcola.photometry.photoclinometry import Fit, ImageFit
 # Robust standard deviations of the logarithms, and the factor on the median, beyond which one is
 # far from the others.
 _FAR, _FACTOR = 4.0, 2.0
-# Fewest values that may be compared.
-_FEWEST = 8
+# Fewest values of which a scatter is known. Of fewer residuals, one that is this many times their
+# median is far from the others; so may be a shift by chance.
+_FEWEST, _FEW_FACTOR = 8, 3.0
 # Fewest of the others with which one is compared, such as the images of a maplet.
 _COMPANY = 3
 # A shift below, pixels, is no outlier: images are matched no better than to a tenth of a pixel.
@@ -56,9 +57,9 @@ def outlier_findings(found: Mapping[str, Sequence[ImageFit]]) -> list[dict[str, 
     ratios = {pair: fit.residual / fit.noise for pair, fit in fits.items() if fit.noise > 0.0}
     shifts = {pair: float(np.hypot(*fit.shift_px)) for pair, fit in fits.items()}
     named = {
-        "image-residual": _far(_compared(ratios, by=1)),
+        "image-residual": _far(_compared(ratios, by=1), few=_FEW_FACTOR),
         "image-shift": _far(_medians(shifts, by=1), _LEAST_SHIFT),
-        "maplet-residual": _far(_compared(ratios, by=0)),
+        "maplet-residual": _far(_compared(ratios, by=0), few=_FEW_FACTOR),
         "maplet-shift": _far(_medians(shifts, by=0), _LEAST_SHIFT),
     }
     return [
@@ -92,12 +93,19 @@ def _groups(values: _Pairs, by: int) -> dict[str, list[float]]:
     return groups
 
 
-def _far(values: Mapping[str, float], least: float = 0.0) -> list[str]:
-    """Return the names whose value is far above the others, the largest first."""
-    if len(values) < _FEWEST:
+def _far(values: Mapping[str, float], least: float = 0.0, few: float = np.inf) -> list[str]:
+    """Return the names whose value is far above the others, the largest first.
+
+    Values up to `least` are not; `few` is the factor on the median of few values.
+    """
+    if len(values) <= _COMPANY:
         return []
     logs = _logs(values.values())
-    limit = float(np.median(logs)) + max(_FAR * float(mad(logs)), float(np.log(_FACTOR)))
+    if len(values) < _FEWEST:
+        above = float(np.log(few))
+    else:
+        above = max(_FAR * float(mad(logs)), float(np.log(_FACTOR)))
+    limit = float(np.median(logs)) + above
     far = [name for name, value in values.items() if value > max(least, float(np.exp(limit)))]
     return sorted(far, key=lambda name: (-values[name], name))
 

@@ -77,7 +77,9 @@ WHAT_TO_DO: Mapping[Outcome | Fit, str] = {
     Outcome.DIVERGED: "they keep their heights; look at their images: spcola look",
     Outcome.UNDETERMINED: "their heights follow the start, and their sigmas are large: "
     "bring images in other light, or constrain them: --constraint returns",
-    Outcome.NOT_CONVERGED: "their heights may be used; go on with more rounds: --rounds",
+    Outcome.NOT_CONVERGED: "they still changed in the last round: go on with more rounds: "
+    "--rounds; where residuals stay far above the noise of the images, the photometric function "
+    "is wrong: spcola photometry fit",
     Fit.SUN_REVERSED: "the direction of the Sun in their .SUM has a wrong sign: make their states "
     "anew: spcola sumfiles",
     Fit.CONTRADICTS: "they show other ground, or the surface at another time: check their states, "

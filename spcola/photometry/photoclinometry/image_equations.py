@@ -254,7 +254,7 @@ def add_image(
     λ and the error of the pixels are those of the state; the spread that is returned is new.
     Pixels at the edge of a shadow are down-weighted by the share of half-lit cells, outliers by
     Cauchy's weight. The error of a pixel is the image's own spread: images that the model expresses
-    less well, at low phase or high incidence, count less.
+    less well count less.
     """
     ground = _ground_in(window, surface, state, options)
     compared = _compared(window, surface, ground, options)

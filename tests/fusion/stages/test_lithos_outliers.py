@@ -88,7 +88,7 @@ def test_an_image_is_not_blamed_for_the_maplets_that_it_shows(fits):
 
 def test_few_are_not_compared(fits):
     few = {name: ones[:3] for name, ones in list(fits.items())[:3]}
-    assert outlier_findings(few) == []
+    assert codes(few) == {}
 
 
 @pytest.mark.parametrize(("sigmas", "shown"), [([2.0, None, 4.0], "3.000 m"), ([None], "unknown")])
@@ -111,3 +111,19 @@ def test_maplets_whose_start_images_did_not_show_are_printed(unknown):
     content = {"maplets": maplets, "images": {}, "outcomes": {"converged": 2}, "findings": []}
     lines = LithosResult("new", "old", Path("body/solutions/new"), content).lines()
     assert any("residual of brightness 20.0% → 10.0%" in line for line in lines)
+
+
+def test_among_few_images_one_that_is_far_off_is_named(fits):
+    """Five images of one maplet: of so few no scatter is known."""
+    five = {"AA0000": fits["AA0000"][:5]}
+    assert codes(five) == {}
+    other = five["AA0000"][2]
+
+    def times(factor):
+        return changed(
+            five, lambda fit: replace(fit, residual=factor * fit.residual), image=other.name
+        )
+
+    assert codes(times(2.0)) == {}
+    assert codes(times(6.0)) == {"image-residual": [other.name]}
+    assert codes({"AA0000": times(6.0)["AA0000"][1:4]}) == {}
