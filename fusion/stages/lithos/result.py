@@ -20,6 +20,7 @@ from fusion.stages.lithos.fits import (
 )
 from fusion.stages.lithos.outliers import outlier_findings
 from fusion.stages.solution_result import SolutionResult, counted, use_line
+from spcola.arrays import FloatArray
 from spcola.photometry.photoclinometry import Fit, ImageFit, Outcome, Photoclinometry
 
 PHOTOCLINOMETRY_KEYS = {
@@ -40,6 +41,8 @@ PHOTOCLINOMETRY_KEYS = {
     "maplets[].shift_px": "root mean square over images of their shifts, pixels",
     "maplets[].shift_m": "the same on the ground",
     "maplets[].sigma_m": "median sigma of the heights",
+    "maplets[].slope_sigma": "median sigma of the slopes of cells, along both axes of the grid",
+    "maplets[].albedo_sigma": "median sigma of the relative albedo of cells, where it is known",
     "maplets[].directions": "shares of cells whose slope images determine in 0, 1, 2 directions",
     "maplets[].undetermined_azimuth_deg": "axis along which slopes are not determined in cells "
     "with one direction; across it they are: azimuth in the plane of the maplet, from north (the "
@@ -168,15 +171,23 @@ def _worst_lines(content: Mapping[str, Any]) -> Iterator[str]:
             yield f"  worst {title}: {', '.join(worst)}"
 
 
+def _median(values: FloatArray) -> float | None:
+    """Return the median of the values that are known; None if none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else None
+
+
 def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
     shares = np.bincount(one.directions.ravel(), minlength=3) / max(one.directions.size, 1)
-    known, axis = one.maplet.sigma[np.isfinite(one.maplet.sigma)], one.undetermined_axis
+    axis = one.undetermined_axis
     return {
         "outcome": str(one.outcome),
         "reason": one.reason,
         "residual_start": one.rounds[0].residual if one.rounds else None,
         **goodness(one.images),
-        "sigma_m": float(np.median(known)) if known.size else None,
+        "sigma_m": _median(one.maplet.sigma),
+        "slope_sigma": _median(one.slope_sigma),
+        "albedo_sigma": _median(one.albedo_sigma),
         "directions": shares.tolist(),
         "undetermined_azimuth_deg": axis.azimuth_deg if axis.known else None,
         "undetermined_agreement": axis.agreement if np.isfinite(axis.agreement) else None,

@@ -21,7 +21,7 @@ from spcola.formats.image_sigmas import write_albedo_sigma, write_slope_sigma
 from spcola.formats.maplets import write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 30
+_VERSION = 31
 
 
 def lithos_solution(

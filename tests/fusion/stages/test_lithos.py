@@ -16,7 +16,12 @@ from fusion.pipeline.catalog.soundness import unsound_maplets
 from fusion.stages.lithos import PHOTOCLINOMETRY_KEYS, LithosOptions
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
-from spcola.formats.image_sigmas import read_slope_sigma
+from spcola.formats.image_sigmas import (
+    albedo_sigma_path,
+    read_albedo_sigma,
+    read_slope_sigma,
+    slope_sigma_path,
+)
 from spcola.formats.maplets import write_maplet
 from spcola.formats.solution import read_summary, write_summary
 from spcola.grids import Maplet, MapletGrid
@@ -135,8 +140,14 @@ def test_the_result_states_how_each_maplet_and_image_fits(mission, solved):
     }
     assert one["residual"] < 0.6 * one["residual_start"]
     assert sum(one["directions"]) == pytest.approx(1.0)
-    maplet = Workspace.open(mission[0], "images").maplet(SOME[0])
+    space = Workspace.open(mission[0], "images")
+    maplet = space.maplet(SOME[0])
     assert one["sigma_m"] == pytest.approx(np.nanmedian(maplet.sigma), rel=1e-3)
+    half, path = maplet.grid.half_size, space.maplet_path(SOME[0])
+    slopes = read_slope_sigma(slope_sigma_path(path), half)
+    albedo = read_albedo_sigma(albedo_sigma_path(path), half)
+    assert one["slope_sigma"] == pytest.approx(np.nanmedian(slopes), rel=1e-3)
+    assert one["albedo_sigma"] == pytest.approx(np.nanmedian(albedo), rel=0.05)
     used = [fit for fit in one["images"].values() if fit["fit"] == "used"]
     assert len(used) >= 3
     assert max(np.hypot(*fit["shift_px"]) for fit in used) < 3.0

@@ -107,6 +107,8 @@ class SolvedMaplet(Form):
     shift_m: Number
     sigma_m: Number
     directions: list[Number]
+    slope_sigma: Number = None
+    albedo_sigma: Number = None
     undetermined_azimuth_deg: Number = None
     undetermined_agreement: Number = None
     light_ratio: Number

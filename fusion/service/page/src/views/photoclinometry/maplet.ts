@@ -2,7 +2,7 @@
 import { getBlob, getJson, pathOf } from "../../api";
 import { legend } from "../../colormaps";
 import { element, fill, type Child } from "../../dom";
-import { count, fixed, metres } from "../../format";
+import { count, degrees, fixed, metres } from "../../format";
 import { colormapOf, layerLegend, type LayerAbout } from "../../layers";
 import { titleOf } from "../../look";
 import { bandPlot } from "../../plots";
@@ -50,6 +50,11 @@ export async function mapletView(root: HTMLElement, workspace: string, name: str
   await load(pictures, signal);
 }
 
+/** The axis that images of one light leave open, where cells agree on one. */
+function openAxis({ undetermined_azimuth_deg: azimuth }: SolvedMaplet): [string, string][] {
+  return azimuth == null ? [] : [["slopes not determined along azimuth", degrees(azimuth, 0)]];
+}
+
 function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: string, inUse: boolean): HTMLElement[] {
   const share = (k: number): string => `${fixed(100 * (found.directions[k] ?? 0), 0)} %`;
   const index = hrefOf(workspace, "photoclinometry", [], { solution: found.solution });
@@ -71,7 +76,10 @@ function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: s
       ["correlation", fixed(found.correlation, 3)],
       ["images shifted by (rms)", `${fixed(found.shift_px, 2)} px, ${metres(found.shift_m)}`],
       ["sigma of heights", metres(found.sigma_m)],
+      ["sigma of slopes", fixed(found.slope_sigma ?? null, 3)],
+      ["sigma of the relative albedo", fixed(found.albedo_sigma ?? null, 3)],
       ["slopes determined in 2, 1, 0 directions", `${share(2)}, ${share(1)}, ${share(0)}`],
+      ...openAxis(found),
     ]),
     element("p", {}, `${found.reason}.`),
     ...(found.findings.length ? [findingList(found.findings, (name) => name)] : []),

@@ -71,7 +71,10 @@ export interface SolvedMaplet {
   shift_px: number | null;
   shift_m: number | null;
   sigma_m: number | null;
+  slope_sigma?: number | null;
+  albedo_sigma?: number | null;
   directions: number[];
+  undetermined_azimuth_deg?: number | null;
   light_ratio: number | null;
   shift_ratio: number | null;
   gsd_m: number;
