@@ -62,7 +62,7 @@ PHOTOCLINOMETRY_KEYS = {
     "(relative), correlation, pixels, and metres a pixel, of each image",
     "images": "over all maplets: number used, median residual, noise_ratio and correlation, root "
     "mean square of the shifts (px, m), maplets by fit",
-    "findings": "outliers: code, names, what to do",
+    "findings": "images that cannot be used, and outliers: code, names, what to do",
 }
 # Ratio of residuals with all Suns on the other side, and as stated, below which light is doubtful.
 _DOUBTFUL_LIGHT = 0.97
@@ -122,7 +122,10 @@ def summary_of(found: Photoclinometry) -> Summary:
 
 
 def content_of(
-    found: Mapping[str, Summary], options: Mapping[str, Any], given: Sequence[str]
+    found: Mapping[str, Summary],
+    options: Mapping[str, Any],
+    given: Sequence[str],
+    bad_images: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Return the content of ``photoclinometry.json``.
 
@@ -134,6 +137,8 @@ def content_of(
         In JSON types.
     given : sequence of str
         Names of the constraints that do not come from other maplets or the shape.
+    bad_images : sequence of mapping
+        Findings of images that no maplet could use; the first, as others may follow from them.
     """
     by_image = fits_by_image(found.values())
     solved = [one.content for one in found.values() if one.content["rounds"]]
@@ -145,7 +150,11 @@ def content_of(
         "outcomes": counted(one.outcome for one in found.values()),
         "maplets": maplets,
         "images": images_json(by_image),
-        "findings": [*_findings(found, by_image), *constraint_findings(maplets, given)],
+        "findings": [
+            *bad_images,
+            *_findings(found, by_image),
+            *constraint_findings(maplets, given),
+        ],
     }
 
 

@@ -12,6 +12,7 @@ from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutio
 from fusion.runtime import Executor, Progress, json_text
 from fusion.runtime.remaining import Timed
 from fusion.stages.lithos.fits import Summary
+from fusion.stages.lithos.image_findings import image_findings
 from fusion.stages.lithos.options import LithosOptions
 from fusion.stages.lithos.result import LithosResult, content_of, summary_of
 from fusion.stages.lithos.sources import LithosSources
@@ -75,7 +76,8 @@ def lithos_solution(
     made_by = MadeBy(options.purpose.value, {}, facts, sources.input_digests(names))
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
-        content = content_of(found, options.as_json(), sources.heights.names)
+        bad = list(image_findings(sources, found))
+        content = content_of(found, options.as_json(), sources.heights.names, bad)
         atomic.write_text(folder / file, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:

@@ -11,7 +11,9 @@ from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
 from fusion.stages.lithos.constraining import ConstrainingHeights, no_shape
 from fusion.stages.lithos.digests import ImageDigests
+from fusion.stages.lithos.image_files import no_usable_image, wrong_sizes
 from fusion.stages.lithos.options import LithosOptions
+from fusion.stages.lithos.outlines import Outline
 from fusion.stages.lithos.shade import check_shade, looks_at
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
@@ -58,6 +60,8 @@ class LithosSources:
     digests : ImageDigests
     chosen : dict of str to list of SpcImage
         The images of maplets, as far as they have been asked for.
+    wrong_size : dict of str to str
+        Images that are left out, as their files do not have the size of their .SUM; both in words.
     """
 
     workspace: Workspace
@@ -68,6 +72,7 @@ class LithosSources:
     options: LithosOptions
     digests: ImageDigests
     chosen: dict[str, list[SpcImage]] = field(default_factory=dict)
+    wrong_size: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, workspace: Workspace, items: ItemStore, options: LithosOptions) -> LithosSources:
@@ -76,8 +81,8 @@ class LithosSources:
         Raises
         ------
         WorkspaceError
-            If no image has both pixels and a state of known uncertainty, there are no maplets, or
-            the start needs a shape and there is none.
+            If no image can be used (it needs pixels of the size of its .SUM, and a state of known
+            uncertainty), there are no maplets, or the start needs a shape and there is none.
         WorkspaceError, RejectedResultError, FormatError
             As :meth:`ConstrainingHeights.of`.
         """
@@ -86,13 +91,15 @@ class LithosSources:
             raise WorkspaceError("has no maplets", workspace.root, "make some: spcola spc tile")
         images = ImageScene.of(workspace, list(grids.values()), RegisterSettings())
         light = options.photoclinometry.function
-        images = replace(images, choice=ChoiceOptions(most=options.max_images, light=light))
+        wrong = wrong_sizes(workspace, images.images)
+        images = replace(
+            images,
+            images=tuple(image for image in images.images if image.name not in wrong),
+            choice=ChoiceOptions(most=options.max_images, light=light),
+        )
         if not images.images:
-            raise WorkspaceError(
-                "no image has both pixels and a state of known uncertainty",
-                workspace.root / "IMAGEFILES",
-                "bring images and states: spcola images",
-            )
+            outline = Outline.of(images.beyond, grids.values())
+            raise no_usable_image(workspace, wrong, outline)
         check_shade(options.secondary, images.images)
         if (options.start == "shape" or options.secondary) and images.beyond is None:
             raise no_shape(workspace)
@@ -104,6 +111,7 @@ class LithosSources:
             items,
             options,
             ImageDigests(workspace),
+            wrong_size=wrong,
         )
 
     @property

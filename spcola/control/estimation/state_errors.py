@@ -50,13 +50,17 @@ def measured_sigma(images: list[tuple[SpcImage, MeasuredLandmarks]]) -> float:
 
     `images` are pairs of an image and its measured landmarks.
 
-    From the median deviation of all residuals; a tenth of a pixel at least.
+    From the median deviation of all residuals; a tenth of a pixel at least. Landmarks behind the
+    camera, by a wrong state, do not count.
     """
-    if not sum(len(fixes.points) for _, fixes in images):
+    if not images:
         return _LEAST_PX
     residuals = np.concatenate([fixes.residuals(image).ravel() for image, fixes in images])
-    known = np.concatenate([fixes.landmark_variance(image).ravel() for image, fixes in images])
-    left = float(mad(residuals)) ** 2 - float(np.median(known))
+    variances = np.concatenate([fixes.landmark_variance(image).ravel() for image, fixes in images])
+    known = np.isfinite(residuals) & np.isfinite(variances)
+    if not known.any():
+        return _LEAST_PX
+    left = float(mad(residuals[known])) ** 2 - float(np.median(variances[known]))
     return float(np.sqrt(max(left, _LEAST_PX**2)))
 
 
@@ -88,7 +92,9 @@ def state_covariance(
     """
     turns = image.pointing_sigma
     anchor_sigma = float(np.sqrt(np.mean(turns[:2] ** 2))) / image.camera.pixel_angle
-    points, observed, spread = fixes.points, fixes.observed, fixes.sigma
+    # By a wrong state landmarks may lie behind the camera: they determine nothing.
+    ahead = np.isfinite(fixes.residuals(image)).all(axis=1)
+    points, observed, spread = fixes.points[ahead], fixes.observed[ahead], fixes.sigma[ahead]
     noise = np.full(len(points), sigma_px)
     middle = np.array(project_image(image, anchor))
     if np.isfinite(anchor_sigma) and anchor_sigma > 0 and np.isfinite(middle).all():

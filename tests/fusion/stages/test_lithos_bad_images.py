@@ -1,0 +1,229 @@
+"""Images that cannot be used are named by ``spcola spc lithos``, and the others are solved."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import call, called, refused
+from photographs import Painted
+
+from fusion.stages.lithos.image_findings import state_findings, unusable
+from fusion.stages.lithos.outlines import Outline
+from fusion.workspace import Workspace, new_workspace
+from spcola.camera import Camera, SpcImage, ray
+from spcola.formats.images import write_image_data
+from spcola.formats.maplets import write_maplet
+from spcola.formats.solution import write_summary
+from spcola.grids import Maplet, MapletGrid
+from spcola.imagematching import ChoiceOptions
+from spcola.imagematching.frames.mistakes import BodyOutline
+
+PLACE, NORMAL = np.array([80.0, 20.0, 10.0]), np.array([0.9, 0.3, 0.2])
+MAPLET, FAR = "AA0001", "AA0002"
+SIGHTS = [
+    ([0.3, 0.0, 1.0], [0.7, 0.1, 0.8]),
+    ([-0.4, 0.2, 1.0], [-0.5, 0.4, 0.8]),
+    ([0.0, 0.4, 1.0], [0.1, 0.7, 0.8]),
+    ([0.1, -0.4, 1.0], [0.2, -0.6, 0.8]),
+    ([0.4, 0.4, 1.0], [0.5, -0.5, 0.8]),
+]
+GOOD = [f"I{k}" for k in range(len(SIGHTS))]
+RUN = ("--constraint", "none", "--photometry", "lambert")
+
+
+def sun_negated(image):
+    return replace(image, sun=-image.sun)
+
+
+def turned_away(image):
+    return replace(image, axes=image.axes * [[1.0], [-1.0], [-1.0]])
+
+
+def of_another_size(image):
+    camera = replace(image.camera, width=image.camera.width - 4)
+    return replace(image, pixels=None, camera=camera)
+
+
+def filled(value):
+    return lambda image: replace(image, pixels=np.full_like(image.pixels, value))
+
+
+def add_image(workspace, image, change=lambda image: image):
+    """Write an image, its state or its pixels changed."""
+    pixels, changed = image.pixels, change(image)
+    kept = pixels if changed.pixels is None else changed.pixels
+    for path in (workspace.exposure_path(image.name), workspace.image_path(image.name)):
+        path.unlink(missing_ok=True)
+    write_image_data(workspace.exposure_path(image.name), kept)
+    write_summary(workspace.image_path(image.name), changed)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return Painted(MapletGrid.facing(PLACE, NORMAL, 0.5, 16))
+
+
+@pytest.fixture(scope="module")
+def photographs(ground):
+    return [ground.photograph(f"I{k}", *sight, size=64) for k, sight in enumerate(SIGHTS)]
+
+
+@pytest.fixture(scope="module")
+def good(ground, photographs, tmp_path_factory):
+    """A workspace of right images of one of two maplets, and what solving it prints."""
+    made = new_workspace(tmp_path_factory.mktemp("lithos") / "good", body="Waves")
+    grids = {MAPLET: ground.grid, FAR: MapletGrid.facing(-PLACE, -NORMAL, 0.5, 16)}
+    for name, grid in grids.items():
+        write_maplet(made.maplet_path(name), Maplet(name, grid, np.zeros(grid.shape)))
+    for image in photographs:
+        add_image(made, image)
+    return made.root, called("spc", "lithos", made.root, *RUN, "--as", "right")
+
+
+@pytest.fixture
+def root(good, tmp_path):
+    """A copy of the workspace of right images."""
+    copy = tmp_path / "WS"
+    shutil.copytree(good[0], copy, symlinks=True)
+    shutil.rmtree(copy / "solutions")
+    shutil.rmtree(copy / ".items", ignore_errors=True)
+    return copy
+
+
+def codes(content):
+    return {one["code"]: one["names"] for one in content["findings"]}
+
+
+def test_right_images_are_no_finding_even_where_they_show_another_maplet(good):
+    root, content = good
+    assert codes(content) == {"too-few-images": [FAR]}
+    other = called("spc", "lithos", root, *RUN, "--only", FAR)
+    assert codes(other) == {"too-few-images": [FAR]}
+
+
+def test_each_bad_image_is_named_with_its_cause_and_the_others_are_solved(good, root, photographs):
+    workspace = Workspace.open(root)
+    bad = {
+        "S": sun_negated, "A": turned_away, "W": of_another_size,
+        "B": filled(65535), "D": filled(0),
+    }  # fmt: skip
+    for name, change in bad.items():
+        add_image(workspace, replace(photographs[0], name=name), change)
+    content = called("spc", "lithos", root, *RUN, "--only", MAPLET, "--as", "bad")
+    found = [(one["code"], one["names"]) for one in content["findings"]]
+    assert found == [
+        ("image-size", ["W"]),
+        ("looks-away", ["A"]),
+        ("no-sunlit-ground", ["S"]),
+        ("image-unusable", ["D"]),
+        ("image-unusable", ["B"]),
+    ]
+    do = [one["do"] for one in content["findings"]]
+    assert "W: 8192 bytes, where 60 × 64 pixels need 3840 or twice that" in do[0]
+    assert "Cy and Cz have the wrong sign" in do[1]
+    assert "the vector to the Sun has the wrong sign" in do[2]
+    assert "as dark as shadow" in do[3]
+    assert "saturated" in do[4]
+    fits = {name: one["fit"] for name, one in content["maplets"][MAPLET]["images"].items()}
+    assert {name for name, fit in fits.items() if fit == "used"} == set(GOOD)
+    assert content["maplets"][MAPLET]["outcome"] == good[1]["maplets"][MAPLET]["outcome"]
+    one, other = (
+        Workspace.open(where, name).maplet(MAPLET).height
+        for where, name in ((good[0], "right"), (root, "bad"))
+    )
+    np.testing.assert_allclose(one, other, atol=1e-3)
+
+
+def test_suns_that_are_all_negated_are_named_before_the_maplet_without_images(root, photographs):
+    for image in photographs:
+        add_image(Workspace.open(root), image, sun_negated)
+    lines = call("spc", "lithos", root, *RUN).stdout.splitlines()
+    named = [line for line in lines if "no-sunlit-ground" in line]
+    assert len(named) == 1
+    assert "I0, I1, I2, I3, I4" in named[0]
+    assert "the vector to the Sun has the wrong sign" in named[0]
+    too_few = next(k for k, line in enumerate(lines) if "too-few-images:" in line)
+    assert lines.index(named[0]) < too_few
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (turned_away, "the body is not in the frame"),
+        (of_another_size, "no image file has the size of its .SUM; I0 has 8192 bytes"),
+    ],
+)
+def test_a_run_without_any_image_left_is_refused_and_writes_nothing(
+    root, photographs, change, words
+):
+    for image in photographs:
+        add_image(Workspace.open(root), image, change)
+    assert words in refused("spc", "lithos", root, *RUN)
+    assert not list(root.glob("solutions/*"))
+
+
+def test_dark_ground_of_an_image_that_is_lit_elsewhere_is_shadow(photographs, ground):
+    half = np.array(photographs[0].pixels)
+    half[8:-8, 8:-8] = 0
+    assert unusable(replace(photographs[0], pixels=half), [ground.grid]) == ""
+    assert unusable(replace(photographs[0], pixels=0 * half), [ground.grid]) == "dark"
+    half[8:-8, 8:-8] = 65535
+    assert unusable(replace(photographs[0], pixels=half), [ground.grid]) == "saturated"
+
+
+def test_with_a_shape_a_negated_sun_is_seen_in_the_pixels(imaged_mission, tmp_path):
+    root = tmp_path / "WS"
+    shutil.copytree(imaged_mission[0], root, symlinks=True)
+    workspace, asked = Workspace.open(root), "TR0009"
+    run = ("spc", "lithos", root, *RUN, "--rounds", "1", "--only", asked)
+    right = called(*run, "--as", "one")
+    shown = sorted(right["maplets"][asked]["images"])
+    assert not {"sun-reversed", "no-sunlit-ground", "looks-away"} & set(codes(right))
+    for name, change in zip(shown, (sun_negated, turned_away), strict=False):
+        image = workspace.image(name)
+        workspace.image_path(name).unlink()
+        write_summary(workspace.image_path(name), change(image))
+    found = codes(called(*run, "--as", "other"))
+    assert found["sun-reversed"] == [shown[0]]
+    assert found["looks-away"] == [shown[1]]
+
+
+def whole_disc(sun, *, stated):
+    """An image of a ball of 50 m in the light of one Sun, with the state of another."""
+    size, distance = 80, 5000.0
+    axes = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+    camera = Camera(100.0, [40.5, 40.5], [[33.0, 0, 0], [0, 33.0, 0]], size, size)
+    place = np.array([distance, 0.0, 0.0])
+    line, column = np.indices((size, size)) + 1.0
+    beams = ray(SpcImage("I", "", camera, -place, axes, stated), column, line)
+    along = -beams @ place
+    under = along**2 - distance**2 + 50.0**2
+    points = place + (along - np.sqrt(np.maximum(under, 0.0)))[..., None] * beams
+    lit = np.where(under > 0.0, np.maximum(points @ sun / 50.0, 0.0), 0.0)
+    pixels = np.rint(20000.0 * lit).astype(np.uint16)
+    return SpcImage("I", "", camera, -place, axes, stated, (100, 65000), pixels=pixels)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "negated", "is_reversed"),
+    [(30.0, True, True), (30.0, False, False), (160.0, False, False)],
+)
+def test_a_whole_disc_in_low_phase_shows_its_negated_sun_and_a_crescent_is_right(
+    degrees, negated, is_reversed
+):
+    rng = np.random.default_rng(2)
+    normals = rng.normal(size=(3000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    outline = Outline(BodyOutline(np.zeros(3), 50.0, 50.0 * normals, normals), normals)
+    phase = np.radians(degrees)
+    sun = np.array([np.cos(phase), np.sin(phase), 0.0])
+    image = whole_disc(sun, stated=-sun if negated else sun)
+    choice = ChoiceOptions()
+    assert outline.mostly_dark(image, choice) == (negated or degrees > 90.0)
+    assert outline.lit_from_the_other_side(image, choice) == is_reversed
+    looks_reversed = [image.name] if is_reversed else []
+    found = [one["code"] for one in state_findings(outline, [image], looks_reversed)]
+    assert found == (["sun-reversed"] if is_reversed else [])
