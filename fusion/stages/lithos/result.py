@@ -82,7 +82,8 @@ WHAT_TO_DO: Mapping[Outcome | Fit, str] = {
     "bring images in other light, or constrain them: --constraint returns",
     Outcome.NOT_CONVERGED: "they still changed in the last round: go on with more rounds: "
     "--rounds; where residuals stay far above the noise of the images, the photometric function "
-    "is wrong: spcola photometry fit",
+    "is wrong: spcola photometry fit; where an area is bright in the residuals of all images, a "
+    "larger [lithos] albedo_step_sigma",
     Fit.SUN_REVERSED: "the direction of the Sun in their .SUM has a wrong sign: make their states "
     "anew: spcola sumfiles",
     Fit.CONTRADICTS: "they show other ground, or the surface at another time: check their states, "

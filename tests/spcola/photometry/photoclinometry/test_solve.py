@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from photographs import Painted
 from scipy import ndimage
+from solved_photographs import SIGHTS
 
 from spcola.camera import project_image
 from spcola.control.estimation import shift_covariance
@@ -28,15 +29,6 @@ from spcola.photometry.photoclinometry import (
 )
 from spcola.photometry.photoclinometry.surface import cell_slopes
 
-# Directions to camera and Sun.
-SIGHTS = [
-    ([0.3, 0.0, 1.0], [0.7, 0.1, 0.8]),
-    ([-0.4, 0.2, 1.0], [-0.5, 0.4, 0.8]),
-    ([0.0, 0.4, 1.0], [0.1, 0.7, 0.8]),
-    ([0.1, -0.4, 1.0], [0.2, -0.6, 0.8]),
-    ([0.0, 0.0, 1.0], [-0.6, -0.3, 0.8]),
-    ([0.4, 0.4, 1.0], [0.5, -0.5, 0.8]),
-]
 KNOWN = 1e-14 * np.eye(6)
 FEW_ROUNDS = PhotoclinometryOptions(function=lambert, least_error=1e-3, settled_gsd=5e-3)
 # The function is right: brightness changes over the grid only as it states.
@@ -44,14 +36,6 @@ NOISELESS = PhotoclinometryOptions(
     function=lambert, least_error=1e-3, rounds=20, settled_gsd=5e-4, gradient_sigma=1e-4,
     shift_sigma_px=1e-3, slope_sigma=1.0, albedo_sigma=0.2,
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def photographs(painted):
-    return [
-        painted.photograph(f"I{k}", toward, sun, pixel=0.5, size=90)
-        for k, (toward, sun) in enumerate(SIGHTS)
-    ]
 
 
 def flat(grid):
@@ -550,7 +534,7 @@ def test_coarser_images_never_make_the_finest_worse(painted, photographs):
         return np.std(inner(np.array(slopes_of(height, 0.5)) - truth))
 
     fine = wrong(photographs)
-    assert wrong([*photographs, *coarse]) < 1.3 * fine
+    assert wrong([*photographs, *coarse]) < 1.05 * fine
     # Their pixels are three cells wide: that the model spreads cells over pixels sharpens them.
     assert wrong(coarse) < 0.1 * np.std(truth)
 
