@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,8 @@ PHOTOCLINOMETRY_KEYS = {
     "where they do not agree",
     "maplets[].undetermined_agreement": "how much the axes of these cells agree: length of the "
     "mean of their double-angle vectors, 0 to 1; below 0.8 there is no azimuth",
+    "maplets[].left_over": "relative residual of the largest area that most images leave over, 0.2 "
+    "and more over 25 points: ground of another albedo, or steep ground; null if there is none",
     "maplets[].light_ratio": "residual of brightness with all Suns on the other side, over "
     "that with them as stated, on the coarsest GSD; median below 0.97: doubtful light",
     "maplets[].shift_ratio": "median over images of their shifts, in sigmas of their states; over "
@@ -201,6 +204,7 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
         "directions": shares.tolist(),
         "undetermined_azimuth_deg": axis.azimuth_deg if axis.known else None,
         "undetermined_agreement": axis.agreement if np.isfinite(axis.agreement) else None,
+        "left_over": one.left_over if np.isfinite(one.left_over) else None,
         "light_ratio": one.light_ratio if np.isfinite(one.light_ratio) else None,
         "shift_ratio": one.shift_ratio if np.isfinite(one.shift_ratio) else None,
         "rounds": [
@@ -236,8 +240,24 @@ def _findings(
     ]
     kept = (Outcome.TOO_FEW_IMAGES, Outcome.DIVERGED)
     fits = {name: one.images for name, one in found.items() if one.outcome not in kept}
-    displaced = _displaced_finding({name: found[name].content for name in fits})
-    return [*_light_finding(found), *listed, *displaced, *outlier_findings(fits)]
+    solved = {name: found[name].content for name in fits}
+    others = _displaced_finding(solved), _left_over_finding(solved), outlier_findings(fits)
+    return [*_light_finding(found), *listed, *chain.from_iterable(others)]
+
+
+def _left_over_finding(maplets: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return a finding of maplets with an area that most images show brighter, or darker.
+
+    Its pixels count as outliers, so that no residual of an image shows it.
+    """
+    names = [name for name, one in maplets.items() if one["left_over"] is not None]
+    do = (
+        "an area of them is far brighter or darker in most images than expected, so that slopes "
+        "are wrong there: look at the residuals in report or page; ground of another albedo needs "
+        'a larger [lithos] albedo_step_sigma (0.3) and albedo_sigma (1), with albedo_mean = "0.5"; '
+        "steep ground that the start lacks a better start"
+    )
+    return [{"code": "albedo-left-over", "names": names, "do": do}] if names else []
 
 
 def _displaced_finding(maplets: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

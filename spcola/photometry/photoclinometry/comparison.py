@@ -99,17 +99,28 @@ class Comparison:
             return None
         state = ImageState(float("nan"), np.array(gradient), np.array(shift_px), float("nan"))
         surface = Surface(grid, height, at_cells(filled(maplet.albedo)))
-        return _compared(window, surface, state, maplet.valid, options)
+        return compare_on_grid(window, surface, state, maplet.valid, options)
 
 
-def _compared(
+def compare_on_grid(
     window: ImageWindow,
     surface: Surface,
     state: ImageState,
     known: BoolArray,
     options: PhotoclinometryOptions,
 ) -> Comparison | None:
-    """Take observed and expected pixels to the points of the grid."""
+    """Take observed and expected pixels to the points of a grid; None where too few are shown.
+
+    Parameters
+    ----------
+    window : ImageWindow
+    surface : Surface
+    state : ImageState
+        Its λ and spread may be unknown.
+    known : (R, C) ndarray of bool
+        Points with a height.
+    options : PhotoclinometryOptions
+    """
     compared = compare_image(window, surface, state, options)
     if not compared.enough:
         return None

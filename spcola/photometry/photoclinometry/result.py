@@ -149,6 +149,10 @@ class Photoclinometry:
         How each constraint fits, in their order.
     undetermined_axis : UndeterminedAxis
         Along which slopes are not determined, in the cells with one direction.
+    left_over : float
+        Relative residual of brightness of the largest area that most images leave over: ground of
+        another albedo than the prior expects, or relief that the start lacks. Its slopes are wrong.
+        NaN if there is none.
     """
 
     maplet: Maplet
@@ -163,6 +167,7 @@ class Photoclinometry:
     shift_ratio: float
     constraints: tuple[ConstraintFit, ...] = ()
     undetermined_axis: UndeterminedAxis = field(default_factory=UndeterminedAxis)
+    left_over: float = float("nan")
 
     @property
     def point_albedo_sigma(self) -> FloatArray:

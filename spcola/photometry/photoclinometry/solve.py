@@ -16,6 +16,7 @@ from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.albedo_equations import albedo_information
 from spcola.photometry.photoclinometry.constraints import HeightConstraint, constrained_points
 from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, outcome_of
+from spcola.photometry.photoclinometry.left_over import area_left_over
 from spcola.photometry.photoclinometry.nuisances import nuisance_values, with_contrast
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
 from spcola.photometry.photoclinometry.result import ImageFit, Outcome, Photoclinometry
@@ -121,6 +122,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     reduced = reduce_albedo(sums, fit.surface, before, prior, expected)
     directions = determined_directions(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | fit.precise))
+    left_over = area_left_over(fit.windows, fit.surface, fit.states, options)
     axis = UndeterminedAxis.of(reduced.slopes, directions == 1, fit.start.grid)
     outcome, reason = outcome_of(fit.before, fits, fit.rounds, determined, axis, options)
     if outcome is Outcome.DIVERGED:
@@ -157,6 +159,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     return Photoclinometry(
         maplet, directions, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome, reason,
         fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints), axis,
+        left_over,
     )  # fmt: skip
 
 

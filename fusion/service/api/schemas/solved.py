@@ -108,6 +108,7 @@ class SolvedMaplet(Form):
     sigma_m: Number
     directions: list[Number]
     slope_sigma: Number = None
+    left_over: Number = None
     albedo_sigma: Number = None
     undetermined_azimuth_deg: Number = None
     undetermined_agreement: Number = None

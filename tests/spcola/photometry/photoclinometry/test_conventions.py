@@ -107,3 +107,22 @@ def test_an_area_of_three_times_the_albedo_is_found_with_wide_priors(spotted, sp
     assert found.outcome is Outcome.CONVERGED
     assert spotted.ratio(found.maplet.albedo) == pytest.approx(3.0, rel=0.02)
     assert slope_error(spotted, found) < 0.01
+
+
+@pytest.mark.parametrize("rounds", [12, 60])
+def test_an_area_that_the_prior_of_the_albedo_forbids_is_stated(
+    spotted, spotted_photographs, rounds
+):
+    """With more rounds it ends as converged, and no residual of an image shows it."""
+    options = PhotoclinometryOptions(function=lambert, rounds=rounds)
+    assert solved_flat(spotted, spotted_photographs, options).left_over > 0.3
+
+
+def test_an_area_that_is_twice_as_bright_or_half_is_not_left_over(waves):
+    for bright in (0.5, 2.0):
+        spotted = Spotted(waves.grid, 1.0, bright, 3.0)
+        found = solved_flat(
+            spotted, photographs_of(spotted, size=60), PhotoclinometryOptions(function=lambert)
+        )
+        assert np.isnan(found.left_over)
+        assert spotted.ratio(found.maplet.albedo) == pytest.approx(bright, rel=0.05)
