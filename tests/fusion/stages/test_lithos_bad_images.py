@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from command_line import call, called, refused
 from photographs import Painted
+from solved_workspace import SIGHTS
 
 from fusion.stages.lithos.image_findings import state_findings, unusable
 from fusion.stages.lithos.outlines import Outline
@@ -23,13 +24,6 @@ from spcola.imagematching.frames.mistakes import BodyOutline
 
 PLACE, NORMAL = np.array([80.0, 20.0, 10.0]), np.array([0.9, 0.3, 0.2])
 MAPLET, FAR = "AA0001", "AA0002"
-SIGHTS = [
-    ([0.3, 0.0, 1.0], [0.7, 0.1, 0.8]),
-    ([-0.4, 0.2, 1.0], [-0.5, 0.4, 0.8]),
-    ([0.0, 0.4, 1.0], [0.1, 0.7, 0.8]),
-    ([0.1, -0.4, 1.0], [0.2, -0.6, 0.8]),
-    ([0.4, 0.4, 1.0], [0.5, -0.5, 0.8]),
-]
 GOOD = [f"I{k}" for k in range(len(SIGHTS))]
 RUN = ("--constraint", "none", "--photometry", "lambert")
 
