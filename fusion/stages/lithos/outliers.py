@@ -29,8 +29,8 @@ _WHAT_TO_DO = {
     "image-shift": "they lie far from where their states say, more than the others: make their "
     "states anew: spcola sumfiles",
     "maplet-residual": "more is left over of their images than elsewhere: look at the residuals in "
-    "report or page; where bright and dark areas are left over, a larger [lithos] "
-    "albedo_step_sigma; where relief is, a finer GSD: spcola spc tile",
+    "report or page; where bright areas are left over, "
+    '[lithos] albedo_mean = "0.5"; where relief is, a finer GSD: spcola spc tile',
     "maplet-shift": "their images see them far from where they are, more than others: start from "
     "the shape: --start shape",
 }

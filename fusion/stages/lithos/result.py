@@ -85,8 +85,7 @@ WHAT_TO_DO: Mapping[Outcome | Fit, str] = {
     "bring images in other light, or constrain them: --constraint returns",
     Outcome.NOT_CONVERGED: "they still changed in the last round: go on with more rounds: "
     "--rounds; where residuals stay far above the noise of the images, the photometric function "
-    "is wrong: spcola photometry fit; where an area is bright in the residuals of all images, a "
-    "larger [lithos] albedo_step_sigma",
+    "is wrong: spcola photometry fit",
     Fit.SUN_REVERSED: "the direction of the Sun in their .SUM has a wrong sign: make their states "
     "anew: spcola sumfiles",
     Fit.CONTRADICTS: "they show other ground, or the surface at another time: check their states, "
@@ -253,8 +252,8 @@ def _left_over_finding(maplets: Mapping[str, Mapping[str, Any]]) -> list[dict[st
     names = [name for name, one in maplets.items() if one["left_over"] is not None]
     do = (
         "an area of them is far brighter or darker in most images than expected, so that slopes "
-        "are wrong there: look at the residuals in report or page; ground of another albedo needs "
-        'a larger [lithos] albedo_step_sigma (0.3) and albedo_sigma (1), with albedo_mean = "0.5"; '
+        "are wrong there: look at the residuals in report or page; ground of more than twice the "
+        'mean albedo of its maplet needs [lithos] albedo_mean = "0.5"; '
         "steep ground that the start lacks a better start"
     )
     return [{"code": "albedo-left-over", "names": names, "do": do}] if names else []

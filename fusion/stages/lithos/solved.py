@@ -22,7 +22,7 @@ from spcola.formats.image_sigmas import write_albedo_sigma, write_slope_sigma
 from spcola.formats.maplets import write_maplet
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 31
+_VERSION = 32
 
 
 def lithos_solution(

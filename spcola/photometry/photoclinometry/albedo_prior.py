@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from spcola.arrays import FloatArray
+from spcola.compilation import compiled
 from spcola.photometry.photoclinometry.cell_surface import CellInformation, CellSurface
 
-_AROUND = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+# Steps to four of the eight neighbours of a cell, rows and columns: the others have this cell for
+# such a neighbour. In the order in which a `CellSurface` has neighbouring points.
+_NEIGHBOURS = ((0, 1), (1, -1), (1, 0), (1, 1))
+# Departure from what is expected, in its sigmas, at which it has half of its weight.
+_HALF_WEIGHT = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,10 @@ class AlbedoPrior:
     independent cells the sigma must be large enough for the contrast between areas, and noise and
     relief within cells become albedo; or it is small, and areas become relief.
 
+    Both are drawn with Cauchy's weight: an area of several times the albedo around it has a border
+    that is far beyond what neighbours differ by, and its cells are far from 1. With Gaussian priors
+    its brightness would count as an outlier of the images.
+
     Parameters
     ----------
     sigma : float
@@ -57,17 +65,13 @@ class AlbedoPrior:
         Cells are solved one by one. Solved again and again with the neighbours of the round before
         they come to the solution of all cells at once.
         """
-        share, drawn = self._share, (1.0 - albedo) * self.sigma**-2
-        if not share:
-            return ExpectedAlbedo(np.full(albedo.shape, self.sigma**-2), drawn)
-        count = _neighbours(albedo.shape)
-        around = ndimage.convolve(albedo, _AROUND, mode="constant")
-        return ExpectedAlbedo(
-            self.sigma**-2 + share * count,
-            drawn + share * (around - count * albedo),
-        )
+        own, between = self._weights(albedo)
+        information, right = own.copy(), own * (1.0 - albedo)
+        if self._share:
+            _draw_to_neighbours(albedo, between, information, right)
+        return ExpectedAlbedo(information, right)
 
-    def among_neighbours(self, own: FloatArray) -> ExpectedAlbedo:
+    def among_neighbours(self, own: FloatArray, albedo: FloatArray) -> ExpectedAlbedo:
         """Return the prior of each cell, its neighbours as well known as images determine them.
 
         For sigmas: neighbours that no image shows determine a cell less than those that many show.
@@ -78,33 +82,78 @@ class AlbedoPrior:
         ----------
         own : (R − 1, C − 1) ndarray
             Information of the images on the albedo of each cell.
+        albedo : (R − 1, C − 1) ndarray
+            As it was found: it has the weights.
         """
-        share, shape = self._share, own.shape
-        if not share:
-            return ExpectedAlbedo(np.full(shape, self.sigma**-2), np.zeros(shape))
-        known = np.zeros((5, *shape))
-        known[0] = own + self.sigma**-2 + share * _neighbours(shape)
-        known[1, :, :-1] = -share
-        known[2, :-1, 1:] = -share
-        known[3, :-1] = -share
-        known[4, :-1, :-1] = -share
+        alone, between = self._weights(albedo)
+        nothing, shape = np.zeros(own.shape), own.shape
+        if not self._share:
+            return ExpectedAlbedo(alone, nothing)
+        information = alone.copy()
+        _draw_to_neighbours(albedo, between, information, nothing.copy())
         # The albedo of cells in place of heights of points: a matrix of the same shape, to which
         # cells between them add nothing.
-        between = (shape[0] - 1, shape[1] - 1)
-        nothing = CellInformation(
-            np.zeros((6, *between)), np.zeros((3, *between)),
+        cells = (shape[0] - 1, shape[1] - 1)
+        no_cells = CellInformation(
+            np.zeros((6, *cells)), np.zeros((3, *cells)),
             np.zeros((0, *shape)), np.zeros((0, 0)), np.zeros(0),
         )  # fmt: skip
-        field = CellSurface(nothing, 1.0, known, np.zeros(shape), np.zeros(between))
+        known = np.concatenate([(own + information)[None], -between])
+        field = CellSurface(no_cells, 1.0, known, nothing, np.zeros(cells))
         variance = field.posterior().heights()
-        return ExpectedAlbedo(1.0 / variance - own, np.zeros(shape))
+        return ExpectedAlbedo(1.0 / variance - own, nothing)
+
+    def _weights(self, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the information on each cell (R − 1, C − 1), and that on its differences.
+
+        The latter (4, R − 1, C − 1) are those from four neighbours: 0 where the grid has none.
+        """
+        own, between = np.empty(albedo.shape), np.zeros((len(_NEIGHBOURS), *albedo.shape))
+        _weigh(albedo, self.sigma**-2, self._share, own, between)
+        return own, between
 
     @property
     def _share(self) -> float:
         """Information on the difference of two neighbours."""
-        return float(self.step_sigma**-2 / _AROUND.sum())
+        return float(self.step_sigma**-2 / (2 * len(_NEIGHBOURS)))
 
 
-def _neighbours(shape: tuple[int, ...]) -> FloatArray:
-    """Return how many neighbours each cell has: eight, less at the edges."""
-    return np.asarray(ndimage.convolve(np.ones(shape), _AROUND, mode="constant"))
+@compiled
+def _weighted(departure: float, information: float) -> float:
+    """Return information with Cauchy's weight at a departure from what is expected."""
+    return information / (1.0 + departure * departure * information / _HALF_WEIGHT**2)
+
+
+@compiled
+def _weigh(
+    albedo: FloatArray, single: float, share: float, own: FloatArray, between: FloatArray
+) -> None:
+    """Fill the information on cells, and on their differences from four neighbours."""
+    down, across = albedo.shape
+    for i in range(down):
+        for j in range(across):
+            own[i, j] = _weighted(1.0 - albedo[i, j], single)
+            for k in range(len(_NEIGHBOURS)):
+                row, column = i + _NEIGHBOURS[k][0], j + _NEIGHBOURS[k][1]
+                if row < down and 0 <= column < across:
+                    step = albedo[row, column] - albedo[i, j]
+                    between[k, i, j] = _weighted(step, share)
+
+
+@compiled
+def _draw_to_neighbours(
+    albedo: FloatArray, between: FloatArray, information: FloatArray, right: FloatArray
+) -> None:
+    """Add the differences from all eight neighbours, weighted by `between`."""
+    down, across = albedo.shape
+    for i in range(down):
+        for j in range(across):
+            for k in range(len(_NEIGHBOURS)):
+                row, column = i + _NEIGHBOURS[k][0], j + _NEIGHBOURS[k][1]
+                if row < down and 0 <= column < across:
+                    weight = between[k, i, j]
+                    pull = weight * (albedo[row, column] - albedo[i, j])
+                    information[i, j] += weight
+                    information[row, column] += weight
+                    right[i, j] += pull
+                    right[row, column] -= pull

@@ -118,7 +118,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
         nuisance_values(fit.states), fit.known, options.contrast_sigma
     )
     own = albedo_information(sums, options.slope_sigma)
-    expected = options.albedo_prior.among_neighbours(own)
+    expected = options.albedo_prior.among_neighbours(own, fit.surface.albedo)
     reduced = reduce_albedo(sums, fit.surface, before, prior, expected)
     directions = determined_directions(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | fit.precise))

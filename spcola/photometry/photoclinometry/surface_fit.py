@@ -30,6 +30,7 @@ from spcola.photometry.photoclinometry.image_window import (
     window_over,
 )
 from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, image_fits
+from spcola.photometry.photoclinometry.left_over import albedo_of_areas
 from spcola.photometry.photoclinometry.nuisances import (
     changed_state,
     nuisance_priors,
@@ -230,7 +231,14 @@ class SurfaceFit:
             # The last round has the loss that was asked for.
             last = number + 1 == self.options.rounds
             if self.round(widened=1.0 if last else max(1.0, widest * _NARROWER**number)):
-                return
+                break
+        if factor > 1:
+            self.surface = replace(self.surface, albedo=self.albedo_of_areas())
+
+    def albedo_of_areas(self) -> FloatArray:
+        """Return the albedo, that of areas which are far from expected as images show it."""
+        albedo = albedo_of_areas(self.windows, self.surface, self.states, self.options)
+        return self.options.convention.bounded(albedo)
 
     def enter(self, factor: int) -> None:
         """Go on with a level of a GSD that is `factor` times the grid's."""

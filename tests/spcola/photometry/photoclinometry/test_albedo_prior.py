@@ -18,16 +18,22 @@ def rng():
     return np.random.default_rng(5)
 
 
-def field_information(prior):
+def weighted(departure, sigma):
+    """Information of a sigma with Cauchy's weight: half of it at two sigmas."""
+    return sigma**-2 / (1.0 + (departure / (2.0 * sigma)) ** 2)
+
+
+def field_information(prior, albedo):
     """The information of all cells about 1, from the differences of all pairs of neighbours."""
-    places = np.argwhere(np.ones(SHAPE))
-    matrix = prior.sigma**-2 * np.eye(len(places))
+    places, values = np.argwhere(np.ones(SHAPE)), albedo.ravel()
+    matrix = np.diag(weighted(values - 1.0, prior.sigma))
     for a, one in enumerate(places):
         for b, other in enumerate(places[:a]):
             if np.abs(one - other).max() == 1:
                 pair = np.zeros(len(places))
                 pair[a], pair[b] = 1.0, -1.0
-                matrix += prior.step_sigma**-2 / 8.0 * np.outer(pair, pair)
+                sigma = np.sqrt(8.0) * prior.step_sigma
+                matrix += weighted(values[a] - values[b], sigma) * np.outer(pair, pair)
     return matrix
 
 
@@ -41,29 +47,41 @@ def observed(rng):
 def test_cells_solved_again_and_again_are_the_solution_of_all_at_once(rng):
     seen, information = observed(rng)
     albedo = np.ones(SHAPE)
-    for _ in range(400):
+    for _ in range(600):
         prior = PRIOR.about(albedo)
         right = information * (seen - albedo) + prior.right
         albedo = albedo + right / (information + prior.information)
-    matrix = field_information(PRIOR)
+    matrix = field_information(PRIOR, albedo)
     right = (information * seen).ravel() + matrix @ np.ones(albedo.size)
     whole = np.linalg.solve(matrix + np.diag(information.ravel()), right)
     np.testing.assert_allclose(albedo.ravel(), whole, atol=1e-9)
 
 
 def test_the_prior_among_neighbours_has_the_variance_of_the_field(rng):
-    _, information = observed(rng)
-    prior = PRIOR.among_neighbours(information)
-    covariance = np.linalg.inv(field_information(PRIOR) + np.diag(information.ravel()))
+    seen, information = observed(rng)
+    prior = PRIOR.among_neighbours(information, seen)
+    covariance = np.linalg.inv(field_information(PRIOR, seen) + np.diag(information.ravel()))
     variance = 1.0 / (information + prior.information)
     np.testing.assert_allclose(variance.ravel(), np.diag(covariance), rtol=1e-9)
     # The surer the neighbours are, the more they determine: at most as if they were known.
-    least = AlbedoPrior(PRIOR.sigma).about(np.ones(SHAPE)).information
-    most = PRIOR.about(np.ones(SHAPE)).information
+    least = AlbedoPrior(PRIOR.sigma).about(seen).information
+    most = PRIOR.about(seen).information
     assert np.all(least < prior.information)
     assert np.all(prior.information < most)
-    surest = PRIOR.among_neighbours(np.full(SHAPE, 1e9))
+    surest = PRIOR.among_neighbours(np.full(SHAPE, 1e9), seen)
     np.testing.assert_allclose(surest.information, most, rtol=1e-3)
+
+
+def test_far_from_what_is_expected_the_pull_falls():
+    """A border of several times the albedo does not draw both sides to each other."""
+    albedo = np.ones(SHAPE)
+    albedo[:, 6:] = 3.0
+    prior = PRIOR.about(albedo)
+    pair = 2.0 * weighted(2.0, np.sqrt(8.0) * PRIOR.step_sigma)
+    np.testing.assert_allclose(prior.right[1:-1, 5], 3.0 * pair)
+    np.testing.assert_allclose(prior.right[:, 11], -2.0 * weighted(2.0, PRIOR.sigma))
+    # A fiftieth of what a Gaussian prior would draw with.
+    assert pair < 2.0 / (8.0 * PRIOR.step_sigma**2) / 50.0
 
 
 def test_the_information_of_images_on_the_albedo_leaves_slopes_free(rng):
@@ -86,12 +104,12 @@ def test_the_information_of_images_on_the_albedo_leaves_slopes_free(rng):
 
 def test_without_steps_cells_are_independent(rng):
     seen, information = observed(rng)
-    alone = AlbedoPrior(0.2)
-    for prior in (alone.about(seen), alone.among_neighbours(information)):
-        np.testing.assert_allclose(prior.information, 25.0)
-    np.testing.assert_allclose(alone.about(seen).right, 25.0 * (1.0 - seen))
+    alone, expected = AlbedoPrior(0.2), weighted(seen - 1.0, 0.2)
+    for prior in (alone.about(seen), alone.among_neighbours(information, seen)):
+        np.testing.assert_allclose(prior.information, expected)
+    np.testing.assert_allclose(alone.about(seen).right, expected * (1.0 - seen))
 
 
 def test_even_albedo_is_drawn_to_its_mean_alone():
     prior = PRIOR.about(np.full(SHAPE, 1.3))
-    np.testing.assert_allclose(prior.right, -0.3 * 25.0)
+    np.testing.assert_allclose(prior.right, -0.3 * weighted(0.3, 0.2))
