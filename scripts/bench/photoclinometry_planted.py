@@ -37,6 +37,7 @@ from spcola.grids import Maplet
 from spcola.grids.gaps import filled
 from spcola.imagematching import ChoiceOptions
 from spcola.photometry.functions import photometric_function
+from spcola.photometry.image_blur import ImageBlurs
 from spcola.photometry.photoclinometry import PhotoclinometryOptions, solve_photoclinometry
 from spcola.photometry.photoclinometry.image_equations import ImageState, compare_image
 from spcola.photometry.photoclinometry.image_window import ImageWindow
@@ -67,7 +68,12 @@ class Solved:
         scene = ImageScene.of(space, list(grids.values()), RegisterSettings())
         function = photometric_function(used["photometry"])
         choice = ChoiceOptions(most=used["max_images"], light=function)
-        options = PhotoclinometryOptions(function, used["psf_px"], independent_start=True)
+        options = PhotoclinometryOptions(
+            function,
+            used["psf_px"],
+            ImageBlurs.of_json(used.get("image_blur", ())),
+            independent_start=True,
+        )
         scene = replace(scene, choice=choice)
         heights = ConstrainingHeights.of(
             space, grids, scene, LithosOptions(start="shape", photoclinometry=options)

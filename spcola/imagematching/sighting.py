@@ -20,6 +20,7 @@ from spcola.grids import Maplet
 from spcola.imagematching.image_match import ImageMatch, ImageMatchOptions, match_image
 from spcola.photometry import ortho_rectify, render_view, view_of
 from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.photometry.image_blur import ImageBlurs
 from spcola.shape import RayCaster
 
 # Search radius of a match once the place is known, cells.
@@ -38,7 +39,10 @@ class SightOptions:
         Largest displacement that is searched, metres.
     function : PhotometricFunction
     psf_px : float
-        Standard deviation of the optics' point spread, pixels.
+        Standard deviation of the optics' point spread, pixels, of images without a blur of their
+        own.
+    blurs : ImageBlurs
+        Of images that have one.
     min_correlation : float
         Smallest correlation of ortho-image and rendering.
     rounds : int
@@ -50,6 +54,7 @@ class SightOptions:
     capture_m: float = 2.0
     function: PhotometricFunction = lunar_lambert
     psf_px: float = 0.0
+    blurs: ImageBlurs = field(default_factory=ImageBlurs)
     min_correlation: float = 0.5
     rounds: int = 4
     tolerance_cells: float = 0.02
@@ -239,7 +244,8 @@ def _match(
 ) -> tuple[ImageMatch, FloatArray]:
     """Match one image; return the match and the footprint (2, 2), pixels a grid step."""
     view = view_of(image, ground.grid, ground.height, beyond=beyond)
-    rendered = render_view(view, function=options.function, psf_px=options.psf_px)
+    blur = options.blurs.of(image.name, options.psf_px)
+    rendered = render_view(view, function=options.function, blur=blur)
     matching = ImageMatchOptions(capture_cells=reach, min_correlation=options.min_correlation)
     return match_image(ortho_rectify(image, view), rendered, options=matching), view.footprint
 

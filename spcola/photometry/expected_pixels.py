@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.gaps import carried_on
+from spcola.photometry.image_blur import ImageBlur
 from spcola.photometry.ortho_image import View
 from spcola.photometry.pixel_areas import PixelAreas
 
@@ -37,7 +37,9 @@ class ExpectedPixels:
     first: FloatArray
 
 
-def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) -> ExpectedPixels:
+def expected_pixels(
+    view: View, brightness: FloatArray, *, blur: ImageBlur | None = None
+) -> ExpectedPixels:
     """Return the expected pixels of an image of ground.
 
     Each cell between four points of the grid contributes to a pixel by its area there
@@ -49,8 +51,8 @@ def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) 
         Geometry of the image over the grid.
     brightness : (R − 1, C − 1) ndarray
         Brightness of each cell; NaN where unknown.
-    psf_px : float
-        Standard deviation of the optics' point spread, pixels.
+    blur : ImageBlur, optional
+        Of the image; none if not given.
     """
     areas = PixelAreas.of(view)
     if areas is None:
@@ -58,11 +60,8 @@ def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) 
         return ExpectedPixels(nothing, np.zeros((1, 1), dtype=np.bool_), np.zeros(2))
     bright = np.isfinite(brightness)
     layers = np.where(bright, brightness, 0.0), bright, np.ones(areas.cells)
-    light, area, whole = (areas.spread(layer) for layer in layers)
-    if psf_px > 0.0:
-        light, area, whole = (
-            ndimage.gaussian_filter(sums, psf_px) for sums in (light, area, whole)
-        )
+    blur = blur or ImageBlur()
+    light, area, whole = (blur.applied(areas.spread(layer), (0, 1)) for layer in layers)
     known: BoolArray = (whole >= _COVERED) & (area >= _KNOWN * whole)
     with np.errstate(invalid="ignore", divide="ignore"):
         value = carried_on(np.where(known, light / area, np.nan))

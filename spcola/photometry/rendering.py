@@ -9,6 +9,7 @@ from spcola.arrays import FloatArray
 from spcola.photometry.expected_pixels import expected_pixels
 from spcola.photometry.functions import PhotometricFunction, lunar_lambert
 from spcola.photometry.ground import at_cells
+from spcola.photometry.image_blur import ImageBlur
 from spcola.photometry.ortho_image import View, resampled
 
 # Largest weight of pixels next to ones not filled by the ground in the interpolation of a point.
@@ -20,7 +21,7 @@ def render_view(
     *,
     function: PhotometricFunction = lunar_lambert,
     albedo: FloatArray | None = None,
-    psf_px: float = 0.0,
+    blur: ImageBlur | None = None,
 ) -> FloatArray:
     """Return the relative brightness (R, C) of the ground of a view [16, 17].
 
@@ -35,8 +36,8 @@ def render_view(
     function : PhotometricFunction
     albedo : (R, C) ndarray, optional
         Relative albedo 1 + tz; 1 if not given.
-    psf_px : float
-        Standard deviation of the optics' point spread, pixels.
+    blur : ImageBlur, optional
+        Of the image; none if not given.
 
     Returns
     -------
@@ -50,7 +51,7 @@ def render_view(
     lit = at_cells(np.where(np.isfinite(view.pixel), view.lit, np.nan))
     value = np.where(np.isfinite(view.cos_incidence), value * lit, np.nan)
     rendered = np.full(view.seen.shape, np.nan)
-    expected = expected_pixels(view, value, psf_px=psf_px)
+    expected = expected_pixels(view, value, blur=blur)
     if not expected.known.any():
         return rendered
     place = np.stack([view.line[view.seen], view.pixel[view.seen]]) - 1.0 - expected.first[:, None]

@@ -11,6 +11,7 @@ from fusion.workspace import Workspace
 from spcola.arrays import AnyArray
 from spcola.grids import Maplet
 from spcola.photometry.functions import photometric_function
+from spcola.photometry.image_blur import ImageBlurs
 from spcola.photometry.photoclinometry import Comparison, PhotoclinometryOptions
 from spcola.photometry.secondary_light import image_in_shade, name_of_image, secondary_light
 from spcola.shape import RayCaster
@@ -68,9 +69,14 @@ def image_strip(
                 gradient=_pair(fit.get("gradient")),
                 beyond=() if beyond is None else (beyond,),
                 light=light,
-                options=PhotoclinometryOptions(function, options["psf_px"]),
+                options=PhotoclinometryOptions(function, options["psf_px"], _blurs_of(options)),
             )
     return strip_codes(found, residual_limit(one), maplet.grid.size)
+
+
+def _blurs_of(options: Mapping[str, Any]) -> ImageBlurs:
+    """Return the blur of images that a solution states; those of older ones state none."""
+    return ImageBlurs.of_json(options.get("image_blur", ()))
 
 
 def _pair(values: Any) -> tuple[float, float]:

@@ -8,10 +8,12 @@ from typing import Annotated, Literal
 import typer
 
 from fusion.service.commands.lithos import (
+    BlurTable,
     OnlyMaplets,
     Photometry,
     PointSpread,
     WithinPlace,
+    path_text,
 )
 from fusion.service.commands.site import Done, Site
 
@@ -63,6 +65,7 @@ class AlbedoCommandOptions:
     ] = None
     photometry: Photometry = ""
     psf: PointSpread = None
+    image_blur: BlurTable = None
     albedo_sigma: Annotated[
         float,
         typer.Option(
@@ -116,6 +119,7 @@ def solve_albedos(site: Site, given: AlbedoCommandOptions) -> Done:
         "max_images": given.max_images,
         "photometry": given.photometry or None,
         "psf_px": given.psf,
+        "image_blur": path_text(given.image_blur),
         "albedo_mean": given.albedo_mean,
         "albedo_range": given.albedo_range,
         "rounds": given.rounds,

@@ -45,6 +45,15 @@ PointSpread = Annotated[
         help="Sigma of the optics' point spread: [lithos] psf_px.",
     ),
 ]
+BlurTable = Annotated[
+    Path | None,
+    typer.Option(
+        "--image-blur",
+        metavar="FILE",
+        help="Table (CSV) of the point spread and smear of images, for those that differ from "
+        "--psf: [lithos] image_blur.",
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -130,6 +139,7 @@ class LithosCommandOptions:
     ] = None
     photometry: Photometry = ""
     psf: PointSpread = None
+    image_blur: BlurTable = None
     albedo_sigma: Annotated[
         float | None,
         typer.Option(
@@ -186,6 +196,7 @@ def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
         "max_images": given.max_images,
         "photometry": given.photometry or None,
         "psf_px": given.psf,
+        "image_blur": path_text(given.image_blur),
         "albedo_sigma": given.albedo_sigma,
         "rounds": given.rounds,
     }
@@ -230,6 +241,11 @@ def fuse_images(site: Site, given: ImageFusionOptions) -> Done:
         purpose=Purpose.SPCOLA,
     )
     return _made(site, workspace, given.name, options)
+
+
+def path_text(path: Path | None) -> str | None:
+    """Return the path of a file as settings name it, in whatever folder the program runs."""
+    return None if path is None else str(path.resolve())
 
 
 def _made(site: Site, workspace: Workspace, name: str, options: LithosOptions) -> Done:

@@ -35,8 +35,11 @@ class AlbedoWork:
     max_images : int
         Most images of a maplet or mapola, and of the ground of one in a bigmap.
     albedo : AlbedoOptions
+        The blur of single images is read later: :func:`fusion.stages.lithos.blurs.with_blurs`.
     accepted : tuple of str
         Codes of findings of the registration that are accepted.
+    image_blur : str
+        Path of a table of the blur of images, relative to the workspace; empty: none.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class AlbedoWork:
     max_images: int = 50
     albedo: AlbedoOptions = field(default_factory=AlbedoOptions)
     accepted: tuple[str, ...] = ()
+    image_blur: str = ""
 
     @classmethod
     def of(
@@ -96,7 +100,7 @@ class AlbedoWork:
         )
         return cls(
             ground, subset, centers, letters, table.max_images,
-            AlbedoOptions(solver, slope_error), tuple(settings.accept.codes),
+            AlbedoOptions(solver, slope_error), tuple(settings.accept.codes), table.image_blur,
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -114,6 +118,7 @@ class AlbedoWork:
             "max_images": self.max_images,
             "photometry": own.function.text,
             "psf_px": own.psf_px,
+            "image_blur": own.blurs.as_json(),
             "albedo_sigma": own.albedo_sigma,
             **convention_json(own.convention),
             "slope_error": self.albedo.slope_error,

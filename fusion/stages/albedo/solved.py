@@ -80,7 +80,8 @@ def albedo_solution(
     started = time.time()
     make = _mapolas if work.ground == "mapolas" else _maplets
     sources, surfaces = make(workspace, work, executor, progress)
-    facts: dict[str, Any] = {"albedo": work.as_json(), **({"job": job} if job else {})}
+    options = sources.work.as_json()
+    facts: dict[str, Any] = {"albedo": options, **({"job": job} if job else {})}
     digests = sources.input_digests(surfaces.grids.values())
     if surfaces.placed:
         digests[workspace.registration_path.name] = file_digest(workspace.registration_path)
@@ -88,7 +89,7 @@ def albedo_solution(
         found = dict(_solved(sources, surfaces, folder / "MAPFILES", executor, progress))
         if surfaces.placed:
             write_landmarks(workspace, folder, list(surfaces.placed.values()))
-        content = content_of(found, work.as_json())
+        content = content_of(found, options)
         atomic.write_text(folder / ALBEDO_FILE, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not work.subset:
@@ -132,7 +133,7 @@ def albedo_of_bigmaps(
         folder = workspace.home / _BIGMAPS
         make_folder(folder)
         found = dict(_solved(sources, surfaces, folder, executor, progress))
-        content = content_of(found, work.as_json())
+        content = content_of(found, sources.work.as_json())
         content["made_from"] = sources.input_digests(surfaces.grids.values()) | {
             f"bigmaps/{name}.MAP": file_digest(surfaces.files[name]) for name in surfaces.grids
         }

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
 from fusion.runtime.machine import check_memory
 from fusion.stages.albedo.options import AlbedoWork
+from fusion.stages.lithos.blurs import blur_path, with_blurs
 from fusion.stages.lithos.digests import ImageDigests
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
@@ -53,13 +55,18 @@ class AlbedoSources:
         ------
         WorkspaceError
             If no image has both pixels and a state of known uncertainty.
+        FormatError
+            As :func:`with_blurs`.
         """
         images = ImageScene.of(workspace, grids, workspace.settings().registration)
-        own = work.albedo.photoclinometry
+        own = with_blurs(work.albedo.photoclinometry, workspace, work.image_blur)
+        work = replace(work, albedo=replace(work.albedo, photoclinometry=own))
         images = replace(
             images,
             choice=ChoiceOptions(most=work.max_images),
-            options=replace(images.options, function=own.function, psf_px=own.psf_px),
+            options=replace(
+                images.options, function=own.function, psf_px=own.psf_px, blurs=own.blurs
+            ),
         )
         if not images.images:
             raise WorkspaceError(
@@ -77,9 +84,13 @@ class AlbedoSources:
         return list(found.values())
 
     def input_digests(self, grids: Iterable[MapletGrid]) -> dict[str, str]:
-        """Return SHA-256 of states and pixels of the images of grids, and of the shape, by path."""
+        """Return SHA-256 of states and pixels of the images of grids, the shape, blur, by path."""
         shown = {image.name for grid in grids for image in self.showing(grid)}
-        return self.digests.files(one for one in self.images.images if one.name in shown)
+        found = self.digests.files(one for one in self.images.images if one.name in shown)
+        workspace = self.images.workspace
+        if (path := blur_path(workspace, self.work.image_blur)) is not None:
+            found[workspace.relative(path)] = file_digest(path)
+        return found
 
     def solve(self, ground: Maplet) -> AlbedoSolution:
         """Return the albedo of ground; a kept one if nothing that goes into it changed.
@@ -90,6 +101,7 @@ class AlbedoSources:
             If this machine has too little memory for it.
         """
         images = self.showing(ground.grid)
+        solver = self.work.albedo.photoclinometry.for_images(one.name for one in images)
         cells = (ground.grid.size - 1) ** 2
         check_memory(
             cells * (_CELL_BYTES + _CELL_IMAGE_BYTES * len(images)),
@@ -103,7 +115,7 @@ class AlbedoSources:
             {image.name: self.digests.of(image) for image in images},
             self.digests.shape,
             {image.name: self.images.states[image.name] for image in images},
-            self.work.albedo,
+            replace(self.work.albedo, photoclinometry=solver),
         )
         return found
 

@@ -74,9 +74,12 @@ class LithosOptions:
     secondary : tuple of str
         Images that also count where the Sun does not light the ground.
     photoclinometry : PhotoclinometryOptions
+        The blur of single images is read later: :func:`fusion.stages.lithos.blurs.with_blurs`.
     accepted : tuple of str
         Codes of findings of the registration that are accepted, where the lidar is asked for.
     purpose : Purpose
+    image_blur : str
+        Path of a table of the blur of images, relative to the workspace; empty: none.
 
     Raises
     ------
@@ -95,6 +98,7 @@ class LithosOptions:
     photoclinometry: PhotoclinometryOptions = field(default_factory=PhotoclinometryOptions)
     accepted: tuple[str, ...] = ()
     purpose: Purpose = Purpose.LITHOS
+    image_blur: str = ""
 
     @classmethod
     def of(
@@ -156,6 +160,7 @@ class LithosOptions:
             ),
             tuple(settings.accept.codes),
             purpose,
+            table.image_blur,
         )
 
     def __post_init__(self) -> None:
@@ -185,6 +190,7 @@ class LithosOptions:
             "secondary_light": list(self.secondary),
             "photometry": own.function.text,
             "psf_px": own.psf_px,
+            "image_blur": own.blurs.as_json(),
             "albedo_sigma": own.albedo_sigma,
             "albedo_step_sigma": own.albedo_step_sigma,
             **convention_json(own.convention),

@@ -72,12 +72,12 @@ def lithos_solution(
     items = ItemStore(place, whole_version(_VERSION))
     sources = LithosSources.of(workspace, items, options)
     names = list(options.subset.chosen(sources.grids, sources.centers))
-    facts: dict[str, Any] = {"lithos": options.as_json(), **({"job": job} if job else {})}
+    facts: dict[str, Any] = {"lithos": sources.options.as_json(), **({"job": job} if job else {})}
     made_by = MadeBy(options.purpose.value, {}, facts, sources.input_digests(names))
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
         bad = list(image_findings(sources, found))
-        content = content_of(found, options.as_json(), sources.heights.names, bad)
+        content = content_of(found, facts["lithos"], sources.heights.names, bad)
         atomic.write_text(folder / file, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:

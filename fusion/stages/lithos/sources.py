@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
+from fusion.stages.lithos.blurs import blur_path, with_blurs
 from fusion.stages.lithos.constraining import ConstrainingHeights, no_shape
 from fusion.stages.lithos.digests import ImageDigests
 from fusion.stages.lithos.image_files import no_usable_image, wrong_sizes
@@ -84,13 +85,15 @@ class LithosSources:
             If no image can be used (it needs pixels of the size of its .SUM, and a state of known
             uncertainty), there are no maplets, or the start needs a shape and there is none.
         WorkspaceError, RejectedResultError, FormatError
-            As :meth:`ConstrainingHeights.of`.
+            As :meth:`ConstrainingHeights.of`, and :func:`with_blurs`.
         """
         grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         if not grids:
             raise WorkspaceError("has no maplets", workspace.root, "make some: spcola spc tile")
         images = ImageScene.of(workspace, list(grids.values()), RegisterSettings())
         light = options.photoclinometry.function
+        solver = with_blurs(options.photoclinometry, workspace, options.image_blur)
+        options = replace(options, photoclinometry=solver)
         wrong = wrong_sizes(workspace, images.images)
         images = replace(
             images,
@@ -137,8 +140,9 @@ class LithosSources:
         # A limb may be in any image.
         every = self.heights.limbs is not None
         found = self.digests.files(one for one in self.images.images if every or one.name in shown)
-        found |= {self.workspace.relative(path): file_digest(path) for path in self.heights.paths}
-        return found
+        blur = blur_path(self.workspace, self.options.image_blur)
+        paths = [*self.heights.paths, *([] if blur is None else [blur])]
+        return found | {self.workspace.relative(path): file_digest(path) for path in paths}
 
     def showing(self, name: str) -> list[SpcImage]:
         """Return the images of a maplet; they are chosen once.
@@ -172,7 +176,7 @@ class LithosSources:
             self.digests.shape,
             states,
             self.heights.on(start),
-            self.options.photoclinometry,
+            self.options.photoclinometry.for_images(digests),
         )
         return found
 

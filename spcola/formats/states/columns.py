@@ -35,10 +35,13 @@ class Row:
             return None
         if missing:
             raise FormatError(f"has no column {missing[0]}", self.place, "complete the table")
+        return np.array([self._number(name) for name in names])
+
+    def _number(self, name: str) -> float:
         try:
-            return np.array([parse_number(self.words[name]) for name in names])
+            return parse_number(self.words[name])
         except ValueError as error:
-            raise FormatError(f"{error}", self.place) from error
+            raise FormatError(f"{error}", f"{self.place}, column {name}") from error
 
     def time(self) -> float | None:
         """Return the ephemeris time, s: column ``et``, ``utc`` or ``time``; None without them."""

@@ -52,7 +52,7 @@ class AlbedoOptions:
     Parameters
     ----------
     photoclinometry : PhotoclinometryOptions
-        Of these count: `function`, `psf_px`, `rounds`, `albedo_sigma`, `convention`,
+        Of these count: `function`, `psf_px`, `blurs`, `rounds`, `albedo_sigma`, `convention`,
         `gradient_sigma`, `shift_sigma_px`, `least_error`, `loss_scale`, `settled_albedo`.
         Slopes are known, so that no relief is taken for albedo: cells are independent, and
         `albedo_sigma` is the expected scatter of each.

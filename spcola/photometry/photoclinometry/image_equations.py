@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.math.robust import MAD_TO_SIGMA
@@ -126,17 +125,12 @@ def _ground_in(
 def _blurred(
     layers: FloatArray, window: ImageWindow, options: PhotoclinometryOptions, axes: tuple[int, int]
 ) -> FloatArray:
-    """Return layers of pixels as the point spread has them; `axes` are lines and samples.
+    """Return layers of pixels as the image blurs them; `axes` are lines and samples.
 
-    It is symmetric: what a cell gives to pixels through it, and what it takes from them, is the
-    same.
+    What a cell gives to pixels through it, and what it takes from them, is the same. Beyond the
+    window is no ground of the grid.
     """
-    if options.psf_px == 0.0:
-        return layers
-    # Beyond the window is no ground of the grid.
-    return ndimage.gaussian_filter(
-        layers, options.psf_px / window.block, mode="constant", axes=axes
-    )
+    return options.blur_of(window.name).applied(layers, axes, block=window.block)
 
 
 def _compared(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
 from spcola.errors import SettingsError
 from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.photometry.image_blur import ImageBlur, ImageBlurs
 from spcola.photometry.photoclinometry.albedo_convention import AlbedoConvention
 from spcola.photometry.photoclinometry.albedo_prior import AlbedoPrior
+from spcola.photometry.secondary_light import name_of_image
 
 
 @dataclass(frozen=True)
@@ -20,7 +24,10 @@ class PhotoclinometryOptions:
     ----------
     function : PhotometricFunction
     psf_px : float
-        Standard deviation of the optics' point spread, pixels.
+        Standard deviation of the optics' point spread, pixels, of images without a blur of their
+        own.
+    blurs : ImageBlurs
+        Of images that have one.
     levels : tuple of int
         GSDs one after the other, in units of the grid's: coarse to fine, the last is 1.
     rounds : int
@@ -112,6 +119,7 @@ class PhotoclinometryOptions:
 
     function: PhotometricFunction = lunar_lambert
     psf_px: float = 0.0
+    blurs: ImageBlurs = field(default_factory=ImageBlurs)
     levels: tuple[int, ...] = (4, 2, 1)
     rounds: int = 12
     albedo_sigma: float = 0.2
@@ -147,7 +155,17 @@ class PhotoclinometryOptions:
         """What is expected of the albedo."""
         return AlbedoPrior(self.albedo_sigma, self.albedo_step_sigma)
 
+    def blur_of(self, image: str) -> ImageBlur:
+        """Return the blur of an image; it is the same where that shows ground in the shade."""
+        return self.blurs.of(name_of_image(image) or image, self.psf_px)
+
+    def for_images(self, images: Iterable[str]) -> Self:
+        """Return them without the blur of other images than these, which does not matter then."""
+        return replace(self, blurs=self.blurs.among(name_of_image(one) or one for one in images))
+
     def __post_init__(self) -> None:
+        # It checks the point spread.
+        ImageBlur(self.psf_px)
         for name in (
             "albedo_sigma", "albedo_step_sigma", "gradient_sigma", "contrast_sigma",
             "shift_sigma_px", "slope_sigma", "slope_loss_scale", "slope_error_factor",
@@ -162,8 +180,6 @@ class PhotoclinometryOptions:
             raise SettingsError(
                 f"must be 0 to 90, not {self.least_elevation_deg}", "least_elevation_deg"
             )
-        if not 0.0 <= self.psf_px < np.inf:
-            raise SettingsError(f"must not be negative, not {self.psf_px}", "psf_px")
         if not 0.0 < self.constraint_fraction <= 1.0:
             raise SettingsError(
                 f"must be above 0, 1 at most, not {self.constraint_fraction}", "constraint_fraction"

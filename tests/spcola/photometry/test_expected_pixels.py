@@ -7,6 +7,7 @@ import pytest
 
 from spcola.photometry import view_of
 from spcola.photometry.expected_pixels import expected_pixels
+from spcola.photometry.image_blur import ImageBlur
 
 LIGHT = [0.5, 0.2, 0.8]
 
@@ -63,7 +64,7 @@ def test_optics_spread_a_bright_cell_by_their_width(waves):
     view = seen_from(waves, [0.0, 0.0, 1.0], pixel=0.5)
     bright = cells(waves, 0.0)
     bright[28, 28] = 1.0
-    sharp, soft = (expected_pixels(view, bright, psf_px=width) for width in (0.0, 1.5))
+    sharp, soft = (expected_pixels(view, bright, blur=ImageBlur(width)) for width in (0.0, 1.5))
     lines = np.arange(sharp.value.shape[0], dtype=float)
 
     def variance(found):

@@ -145,6 +145,11 @@ class LithosSettings(Table):
     psf_px: Annotated[float, Span(0.0, 10.0)] = Field(
         default=0.0, description="sigma of the optics' point spread, pixels"
     )
+    image_blur: Text = Field(
+        default="",
+        description="table (CSV) of the point spread and smear of images, for those that differ; "
+        "a path relative to the workspace",
+    )
     albedo_sigma: Annotated[float, Span(1e-6, 1.0)] = Field(
         default=0.2, description="sigma with which the relative albedo is drawn to its mean"
     )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.photometry.functions import PHOTOMETRIC_FUNCTIONS, photometric_function
+from spcola.photometry.image_blur import ImageBlur
 from spcola.photometry.photoclinometry.cell_pixels import (
     box_cells,
     gather_cells,
@@ -142,17 +143,24 @@ def test_ground_at_the_edge_of_a_shadow_is_not_sharpened():
     np.testing.assert_allclose(sharpened(np.ones(CELLS)), 1.0)
 
 
-def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
-    """By slopes and albedo: of the sum of w r² over the pixels, exactly."""
+@pytest.mark.parametrize(
+    "blur", [ImageBlur(), ImageBlur(0.6), ImageBlur(0.0, (1.3, -2.1)), ImageBlur(0.9, (0.4, 3.0))]
+)
+def test_right_hand_side_is_the_gradient_of_the_squared_residuals(blur):
+    """By slopes and albedo: of the sum of w r² over the pixels, exactly, however blurred."""
     boxes, slopes = boxes_of(places()), RNG.normal(0.0, 0.2, (2, *CELLS))
     albedo, scale = RNG.uniform(0.8, 1.2, CELLS), 3.0
     shades = shades_of("lunar-lambert", slopes)
-    sums = spread(boxes, albedo * shades[0])
+
+    def seen(shades, albedo):
+        return blur.applied(spread(boxes, albedo * shades[0]), (1, 2))
+
+    sums = seen(shades, albedo)
     used = sums[0] > 0.6
     observed = RNG.uniform(0.5, 2.5, used.shape)
 
     def residuals(slopes, albedo):
-        lit = spread(boxes, albedo * shades_of("lunar-lambert", slopes)[0])
+        lit = seen(shades_of("lunar-lambert", slopes), albedo)
         return (observed - scale * lit[1] / np.maximum(lit[0], 1e-9))[used]
 
     left = residuals(slopes, albedo)
@@ -161,6 +169,7 @@ def test_right_hand_side_is_the_gradient_of_the_squared_residuals():
     window[used, 1] = left / sums[0][used]
     # As if all pixels were expected to be 1: the sum over cells is that over pixels then.
     window[used, 2] = 1.0 / sums[0][used]
+    window = blur.applied(window, (0, 1))
     bright = np.full(CELLS, scale), albedo, shades
     own, factors, nuisance = np.zeros((14, *CELLS)), np.zeros((8, *CELLS)), np.zeros((6, 7))
     gather_cells(boxes, np.zeros((2, *CELLS)), window, bright, 0.7, (own, factors, nuisance))
