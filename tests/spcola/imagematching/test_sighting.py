@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from spcola.camera import project_image
 from spcola.control.estimation import (
@@ -24,6 +25,7 @@ from spcola.imagematching import (
     find_ground,
 )
 from spcola.photometry.functions import lambert
+from spcola.photometry.image_blur import ImageBlur, ImageBlurs
 
 VIEWS = [[0.6, 0.1, 1.0], [-0.5, 0.4, 1.0], [0.1, -0.6, 1.0], [-0.2, -0.2, 1.0]]
 LIGHTS = [[0.5, 0.2, 0.8], [-0.4, 0.4, 0.9], [0.3, -0.5, 0.8], [-0.6, -0.1, 0.9]]
@@ -46,10 +48,10 @@ def states(waves, photographs):
     }
 
 
-def sought(waves, photographs, states, off):
+def sought(waves, photographs, states, off, **more):
     """Look for the ground displaced by `off` (local, metres)."""
     grid = replace(waves.grid, center=waves.grid.center - np.array(off) @ waves.grid.axes)
-    options = SightOptions(function=lambert)
+    options = SightOptions(function=lambert, **more)
     ground = Maplet("GROUND", grid, waves.heights())
     return find_ground(ground, photographs, states, exposed=lambda image: image, options=options)
 
@@ -60,6 +62,18 @@ def test_displaced_ground_is_found_in_three_dimensions(waves, photographs, state
     error = waves.grid.axes @ (found.solve().estimate - waves.grid.center)
     assert np.abs(error).max() < 0.01, error
     assert np.min(found.correlation) > 0.95
+
+
+def test_a_smeared_image_is_rendered_with_its_smear(waves, photographs, states):
+    """A mean of seven sub-frames, each a pixel further."""
+    smeared = ndimage.uniform_filter1d(photographs[0].pixels.astype(float), 7, axis=1)
+    images = [replace(photographs[0], pixels=np.rint(smeared).astype(np.uint16)), *photographs[1:]]
+    blurs = ImageBlurs((("P0", ImageBlur(0.0, (7.0, 0.0))),))
+    without, right = (
+        sought(waves, images, states, [0.2, 0.1, 0.0], blurs=one) for one in (ImageBlurs(), blurs)
+    )
+    assert 1.0 - right.correlation[0] < 0.5 * (1.0 - without.correlation[0])
+    assert right.correlation[1:] == pytest.approx(without.correlation[1:], abs=1e-3)
 
 
 def test_an_image_with_a_wrong_state_is_left_out(waves, photographs, states):

@@ -60,11 +60,14 @@ def test_gaps_are_bridged_and_edges_are_not(waves):
         assert not border.any()
 
 
-def test_optics_spread_a_bright_cell_by_their_width(waves):
+@pytest.mark.parametrize(
+    ("blur", "added"), [(ImageBlur(1.5), 1.5**2), (ImageBlur(0.6, (2.0, 6.0)), 0.6**2 + 3.0)]
+)
+def test_optics_and_motion_spread_a_bright_cell(waves, blur, added):
     view = seen_from(waves, [0.0, 0.0, 1.0], pixel=0.5)
     bright = cells(waves, 0.0)
     bright[28, 28] = 1.0
-    sharp, soft = (expected_pixels(view, bright, blur=ImageBlur(width)) for width in (0.0, 1.5))
+    sharp, soft = (expected_pixels(view, bright, blur=one) for one in (None, blur))
     lines = np.arange(sharp.value.shape[0], dtype=float)
 
     def variance(found):
@@ -72,7 +75,7 @@ def test_optics_spread_a_bright_cell_by_their_width(waves):
         share /= share.sum()
         return share @ lines**2 - (share @ lines) ** 2
 
-    assert variance(soft) - variance(sharp) == pytest.approx(1.5**2, rel=0.05)
+    assert variance(soft) - variance(sharp) == pytest.approx(added, rel=0.05)
 
 
 def test_ground_that_is_not_seen_gives_nothing(waves):
