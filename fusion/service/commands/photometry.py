@@ -48,14 +48,17 @@ class FitOptions:
         typer.Option(
             "--calibrated",
             help="The images are radiometrically calibrated: one scale for all of a filter, so "
-            "that phase functions are determined too.",
+            "that phase functions and, of I/F, the normal albedo are determined too.",
         ),
     ] = False
     max_maplets: Annotated[
         int, typer.Option(metavar="N", min=1, max=100_000, help="Most maplets, evenly chosen.")
     ] = 60
     max_images: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10_000, help="Most images of a maplet.")
+        int,
+        typer.Option(
+            metavar="N", min=1, max=10_000, help="Most images of a maplet, of each filter."
+        ),
     ] = 20
     max_incidence: Annotated[
         float, typer.Option(metavar="DEG", min=1.0, max=89.0, help="Largest incidence angle.")

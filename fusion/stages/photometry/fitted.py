@@ -28,7 +28,8 @@ from spcola.photometry.functions import PhotometricFunction, photometric_functio
 PHOTOMETRY_FILE = "photometry.json"
 PHOTOMETRY_KEYS = {
     "solution": "the SPC solution whose images and maplets were used",
-    "calibrated": "whether one scale λ was common to all images; else each image has its own",
+    "calibrated": "whether one scale λ was common to all images, in the numbers of the files that "
+    "were imported; else each image has its own",
     "filters": "an entry for each filter; `unknown` where images.jsonl does not state it",
     "filters[].n_images": "images used; their number",
     "filters[].n_samples": "blocks of ground in an image, two pixels wide or more",
@@ -39,6 +40,8 @@ PHOTOMETRY_KEYS = {
     "filters[].setting": "the preferred function as a setting: [register] photometry",
     "filters[].functions[].parameters": "of each: value, sigma, unit, code and text of a doubt",
     "filters[].functions[].covariance": "of the parameters, in their order",
+    "filters[].functions[].scale": "with `calibrated` λ, else null: of images in I/F the normal "
+    "albedo of ground whose albedo is 1 in the maplets; so `scale_sigma`",
     "filters[].functions[].residual_std": "robust, over the mean brightness of an image",
     "filters[].functions[].worse_by": "χ² above that of the preferred one, standard deviations",
 }
@@ -143,6 +146,8 @@ def _function_json(standing: Standing, whole: PhotometricFunction) -> dict[str, 
         "setting": setting,
         "parameters": named,
         "covariance": fit.covariance.tolist(),
+        "scale": None if fit.scale is None else fit.scale[0],
+        "scale_sigma": None if fit.scale is None else fit.scale[1],
         "residual_std": fit.spread,
         "chi_square": standing.chi_square,
         "aic": standing.aic,
@@ -175,6 +180,8 @@ def photometry_lines(content: Mapping[str, Any]) -> Iterator[str]:
                 + ("" if each["converged"] else ", not converged")
             )
             yield from _parameter_lines(each["parameters"])
+            if each["scale"] is not None:
+                yield f"    λ = {each['scale']:.6g} ± {each['scale_sigma']:.2g}"
         if one["as_good"]:
             others = ", ".join(one["as_good"])
             yield f"The data do not distinguish {one['preferred']} from {others}."

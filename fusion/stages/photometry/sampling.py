@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
 from fusion.runtime import Executor, Progress
 from fusion.scene import Exposures
 from fusion.stages.images.catalogue import read_catalogue
+from fusion.stages.images.record import ImageRecord
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError, NotObservableError
@@ -38,9 +40,10 @@ class PhotometryOptions:
     filter : str
         Images of this filter alone; empty for all, each filter by itself.
     calibrated : bool
-        Whether one scale λ is common to all images of a filter.
+        Whether one scale λ is common to all images of a filter. The gains by which the import
+        changed their numbers are undone.
     max_maplets, max_images : int
-        Most maplets, evenly over the list, and images of one maplet.
+        Most maplets, evenly over the list, and images of one filter of a maplet.
     ground : SampleOptions
     """
 
@@ -67,12 +70,13 @@ class FilterSamples:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """Samples the maplets of a workspace, one by one."""
+    """Samples the maplets of a workspace, one by one; `images` are those of each filter."""
 
     workspace: Workspace
-    images: list[SpcImage]
+    images: dict[str, list[SpcImage]]
     exposed: Exposures
     beyond: RayCaster | None
+    gains: Mapping[str, float]
     options: PhotometryOptions
 
     def maplet(self, name: str) -> list[tuple[str, BlockSamples]]:
@@ -80,7 +84,9 @@ class _Work:
         maplet = self.workspace.maplet(name)
         choice = ChoiceOptions(most=self.options.max_images)
         found = []
-        for image in choose_images(maplet.grid, self.images, options=choice):
+        # Of each filter by itself: one with many images leaves no other without any.
+        chosen = [choose_images(maplet.grid, one, options=choice) for one in self.images.values()]
+        for image in chain.from_iterable(chosen):
             try:
                 view = view_of(image, maplet.grid, maplet.height, beyond=self.beyond)
             except InvalidValueError:
@@ -88,7 +94,7 @@ class _Work:
             ortho = ortho_rectify(self.exposed(image), view)
             blocks = sample_blocks(ortho, maplet.albedo, self.options.ground)
             if blocks is not None:
-                found.append((image.name, blocks))
+                found.append((image.name, blocks.scaled(1.0 / self.gains.get(image.name, 1.0))))
         return found
 
 
@@ -100,14 +106,20 @@ def sampled_filters(
     Raises
     ------
     NotObservableError
-        If no image has pixels, is of the filter, or shows a maplet well.
+        If no image has pixels, is of the filter, or shows a maplet well; or the scale of some
+        calibrated ones is unknown.
     """
-    filters = _filters(workspace, options.filter)
-    images = [image for image in workspace.images() if image.name in filters]
+    records = read_catalogue(workspace)
+    filters = _filters(workspace, records, options.filter)
+    gains = _gains(records, filters) if options.calibrated else {}
+    images = {kind: list[SpcImage]() for kind in sorted(set(filters.values()))}
+    for state in workspace.images():
+        if state.name in filters:
+            images[filters[state.name]].append(state)
     names = workspace.maplet_names()
     names = names[:: max(-(-len(names) // options.max_maplets), 1)]
     shape = RayCaster(workspace.shape()) if workspace.has_shape() else None
-    work = _Work(workspace, images, Exposures(workspace), shape, options)
+    work = _Work(workspace, images, Exposures(workspace), shape, gains, options)
     found: list[tuple[str, int, BlockSamples]] = []
     with progress.task("sample maplets in images", len(names)) as task:
         for number, each in enumerate(executor.stream(work.maplet, names)):
@@ -133,7 +145,9 @@ def _limited(kind: str, found: list[tuple[str, int, BlockSamples]]) -> FilterSam
     return FilterSamples(kind, [(image, ground, one.thinned(step)) for image, ground, one in found])
 
 
-def _filters(workspace: Workspace, wanted: str) -> Mapping[str, str]:
+def _filters(
+    workspace: Workspace, records: Mapping[str, ImageRecord], wanted: str
+) -> Mapping[str, str]:
     """Return the filter of each image with pixels, or of those of one filter.
 
     Raises
@@ -141,7 +155,6 @@ def _filters(workspace: Workspace, wanted: str) -> Mapping[str, str]:
     NotObservableError
         If there are none.
     """
-    records = read_catalogue(workspace)
     named = {
         name: str((records[name].label if name in records else {}).get("filter") or _UNKNOWN)
         for name in workspace.image_names()
@@ -160,6 +173,29 @@ def _filters(workspace: Workspace, wanted: str) -> Mapping[str, str]:
             f"no image is of the filter {wanted!r}", where="--filter", do=f"known are {known}"
         )
     return chosen
+
+
+def _gains(records: Mapping[str, ImageRecord], images: Iterable[str]) -> dict[str, float]:
+    """Return the numbers in a pixels' file for 1 in the original of each image.
+
+    An import scales each floating-point image to 16 bits by itself: one scale for all is there
+    only before. Images of other programs have none, and count as they are.
+
+    Raises
+    ------
+    NotObservableError
+        If some images were scaled, and of others it is unknown whether.
+    """
+    gains = {name: records[name].pixels.gain for name in images if name in records}
+    unknown = sorted(set(images) - set(gains))
+    if unknown and any(gain != 1.0 for gain in gains.values()):
+        raise NotObservableError(
+            f"images.jsonl states the gain of {len(gains)} images, but not of {unknown[0]}"
+            + (f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""),
+            where="--calibrated",
+            do="import all of them with spcola images, or leave --calibrated out",
+        )
+    return gains
 
 
 def ranges(found: FilterSamples) -> dict[str, list[float]]:

@@ -34,6 +34,8 @@ _CORRELATED = 0.98
 _PLACES = 4
 # Fewest samples for each unknown.
 _FEWEST = 5
+# Prior's sigma of λ where it is common to all images, over λ: none.
+_WIDE = 1e3
 # Smallest spread of residuals, relative brightness: below the rounding of any image.
 _LEAST_SPREAD = 1e-6
 
@@ -66,6 +68,9 @@ class PhotometricFit:
         Samples for an independent one.
     converged : bool
     iterations : int
+    scale : (2,) of float, optional
+        λ where it is common to all images, and its standard deviation: brightness of ground of
+        relative albedo 1 at normal incidence and emission and phase 0.
     """
 
     function: PhotometricFunction
@@ -76,6 +81,7 @@ class PhotometricFit:
     design_effect: float
     converged: bool
     iterations: int
+    scale: tuple[float, float] | None = None
 
     @property
     def sigma(self) -> FloatArray:
@@ -91,11 +97,18 @@ class PhotometricFit:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """The linearised problem at some parameters: residual (N,) and design (P, N) without λ."""
+    """The linearised problem at some parameters: residual (N,) and design (P, N) without λ.
+
+    `model` (N,) is brightness over λ, `scale` (K,) λ of each image, and `shift` (P, K) what it
+    changes by with each parameter.
+    """
 
     values: FloatArray
     residual: FloatArray
     design: FloatArray
+    model: FloatArray
+    scale: FloatArray
+    shift: FloatArray
 
 
 def fit_function(samples: PhotometricSamples, function: PhotometricFunction) -> PhotometricFit:
@@ -165,11 +178,14 @@ def _linearised(
     place = samples.cosines[0], samples.cosines[1], samples.phase
     model, partials = samples.means(at(*place)), samples.means(at.by_parameters(*place))
     square = _sums(samples, weight * model**2)
-    scale = (_sums(samples, weight * samples.brightness * model) / square)[samples.image]
+    scale = _sums(samples, weight * samples.brightness * model) / square
+    each = scale[samples.image]
     design = np.empty_like(partials)
-    for k, row in enumerate(scale * partials):
-        design[k] = row - model * (_sums(samples, weight * model * row) / square)[samples.image]
-    return _Point(values, samples.brightness - scale * model, design)
+    shift = np.empty((len(partials), len(scale)))
+    for k, row in enumerate(each * partials):
+        shift[k] = -_sums(samples, weight * model * row) / square
+        design[k] = row + model * shift[k][samples.image]
+    return _Point(values, samples.brightness - each * model, design, model, scale, shift)
 
 
 def _sums(samples: PhotometricSamples, layer: FloatArray) -> FloatArray:
@@ -224,37 +240,56 @@ def _judged(
     spread = max(float(mad(point.residual)), _LEAST_SPREAD)
     pull = weight * point.residual / spread
     design = point.design * prior[:, None] / spread
+    count, level = len(design), samples.level
+    if level is not None:
+        # λ, in units so wide that its prior has no weight.
+        wide = _WIDE * float(point.scale[0])
+        design = np.vstack([design, wide * point.model / spread])
+        prior = np.append(prior, wide)
     # Tukey's weights lower the information by the mean derivative of the scores.
     inside = np.minimum((point.residual / (TUKEY * spread)) ** 2, 1.0)
     slope = max(float(np.mean((1.0 - inside) * (1.0 - 5.0 * inside))), 0.1)
     information = slope * design @ design.T
-    meat, effect = _clustered(samples, design, pull)
+    meat = _clustered(samples, design, pull)
+    effect = _design_effect(samples, design[:count], pull)
     if not converged or int(samples.place.max()) + 1 < _PLACES * len(design):
         # Too few places for a matrix of their own.
         meat = effect * information
     covariance = _posterior(information, meat)
-    doubts = _doubts(function, covariance)
+    doubts = _doubts(function, covariance[:count, :count])
     scaled = prior[:, None] * covariance * prior
+    scale = None
+    if level is not None:
+        change = np.append(point.shift[:, 0], 1.0)
+        sigma = float(np.sqrt(change @ scaled @ change))
+        scale = level * float(point.scale[0]), level * sigma
     return PhotometricFit(
-        function, scaled, doubts, spread, point.residual, effect, converged, rounds
-    )
+        function, scaled[:count, :count], doubts, spread, point.residual, effect, converged,
+        rounds, scale,
+    )  # fmt: skip
 
 
-def _clustered(
-    samples: PhotometricSamples, design: FloatArray, pull: FloatArray
-) -> tuple[FloatArray, float]:
-    """Return the covariance (P, P) of the scores, samples of a place together; the design effect.
+def _clustered(samples: PhotometricSamples, rows: FloatArray, pull: FloatArray) -> FloatArray:
+    """Return the covariance (P, P) of the scores of rows (P, N), samples of a place together."""
+    places = int(samples.place.max()) + 1
+    if not len(rows):
+        return np.zeros((0, 0))
+    scores = np.stack([np.bincount(samples.place, row * pull, places) for row in rows])
+    meat: FloatArray = places / max(places - 1, 1) * scores @ scores.T
+    return meat
 
-    Without parameters the effect is that on a quantity that all samples of a place have in common.
+
+def _design_effect(samples: PhotometricSamples, design: FloatArray, pull: FloatArray) -> float:
+    """Return the samples for an independent one.
+
+    Without parameters it is that on a quantity that all samples of a place have in common.
     """
     rows = design if len(design) else np.ones((1, len(samples)))
-    places = int(samples.place.max()) + 1
-    scores = np.stack([np.bincount(samples.place, row * pull, places) for row in rows])
-    meat = places / max(places - 1, 1) * scores @ scores.T
+    together = np.diag(_clustered(samples, rows, pull))
     alone = np.sum((rows * pull) ** 2, axis=1)
     used = alone > 0.0
-    effect = float(np.mean(np.diag(meat)[used] / alone[used])) if used.any() else 1.0
-    return meat[: len(design), : len(design)], max(effect, 1.0)
+    effect = float(np.mean(together[used] / alone[used])) if used.any() else 1.0
+    return max(effect, 1.0)
 
 
 def _posterior(information: FloatArray, meat: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -72,6 +72,10 @@ class BlockSamples:
             self.phase[some],
             self.albedo[some],
         )
+
+    def scaled(self, factor: float) -> BlockSamples:
+        """Return the blocks with their brightness times `factor`."""
+        return replace(self, brightness=factor * self.brightness)
 
 
 def sample_blocks(
@@ -151,6 +155,8 @@ class PhotometricSamples:
     phase : (M,) ndarray
     albedo : (M,) ndarray
         Over the number of cells of the block: sums over a block are means.
+    level : float, optional
+        That mean, where one scale is common to all images.
     """
 
     brightness: FloatArray
@@ -160,6 +166,7 @@ class PhotometricSamples:
     cosines: FloatArray
     phase: FloatArray
     albedo: FloatArray
+    level: float | None = None
 
     @classmethod
     def of(
@@ -190,6 +197,7 @@ class PhotometricSamples:
             np.concatenate([one.cosines.reshape(2, -1) for _, _, one in found], axis=1),
             np.concatenate([one.phase.ravel() for _, _, one in found]),
             np.concatenate([one.albedo.ravel() / one.albedo.shape[1] for _, _, one in found]),
+            float(level[0]) if calibrated else None,
         )
 
     def __len__(self) -> int:
