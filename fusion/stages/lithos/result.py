@@ -32,7 +32,7 @@ PHOTOCLINOMETRY_KEYS = {
     "shift_m": "goodness of fit of the solution: root mean square over maplets and images of how "
     "far images are shifted, on the ground",
     "maplets[].outcome": "how it ended: converged, not-converged, undetermined, too-few-images, "
-    "diverged; the last two keep the start",
+    "diverged; the last two keep the start: residual, shifts and images are those of it",
     "maplets[].reason": "why it ended so",
     "maplets[].residual_start": "median over images, relative residual of brightness in round one",
     "maplets[].residual": "the same at the end",
@@ -80,7 +80,8 @@ _MAPLET_CODES = (
 WHAT_TO_DO: Mapping[Outcome | Fit, str] = {
     Outcome.TOO_FEW_IMAGES: "they keep their heights; bring more images of them, with the Sun at "
     "least 20° high, or constrain them: --constraint returns",
-    Outcome.DIVERGED: "they keep their heights; look at their images: spcola look",
+    Outcome.DIVERGED: "they keep their heights, whose residuals are stated; look at their images: "
+    "spcola look",
     Outcome.UNDETERMINED: "their heights follow the start, and their sigmas are large: "
     "bring images in other light, or constrain them: --constraint returns",
     Outcome.NOT_CONVERGED: "they still changed in the last round: go on with more rounds: "
@@ -232,8 +233,9 @@ def _findings(
         named[code] = [name for name, one in found.items() if one.outcome is code]
     for kind in (Fit.SUN_REVERSED, Fit.CONTRADICTS):
         named[kind] = mostly(kind, by_image)
+    does = {**WHAT_TO_DO, Outcome.DIVERGED: _why_diverged(found, named[Outcome.DIVERGED])}
     listed = [
-        {"code": str(code), "names": names, "do": WHAT_TO_DO[code]}
+        {"code": str(code), "names": names, "do": does[code]}
         for code, names in named.items()
         if names
     ]
@@ -242,6 +244,12 @@ def _findings(
     solved = {name: found[name].content for name in fits}
     others = _displaced_finding(solved), _left_over_finding(solved), outlier_findings(fits)
     return [*_light_finding(found), *listed, *chain.from_iterable(others)]
+
+
+def _why_diverged(found: Mapping[str, Summary], names: Sequence[str]) -> str:
+    """Return the reasons of the first maplets that diverged, and what to do."""
+    why = [f"{name}: {found[name].content['reason']}" for name in names[:_WORST]]
+    return f"{', '.join(why)}; {WHAT_TO_DO[Outcome.DIVERGED]}"
 
 
 def _left_over_finding(maplets: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

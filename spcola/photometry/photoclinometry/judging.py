@@ -110,7 +110,7 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
 
 
 def outcome_of(
-    before: Sequence[float],
+    before: FloatArray,
     fits: Sequence[ImageFit],
     rounds: Sequence[Round],
     determined: float,
@@ -121,7 +121,7 @@ def outcome_of(
 
     Parameters
     ----------
-    before : sequence of float
+    before : (K,) ndarray
         Relative residuals of the images for the start surface.
     fits : sequence of ImageFit
     rounds : sequence of Round
@@ -132,13 +132,15 @@ def outcome_of(
         Of the cells of which images determine one direction.
     options : PhotoclinometryOptions
     """
-    start, after = np.array(before), np.array([fit.residual for fit in fits])
-    both = np.isfinite(after) & np.isfinite(start)
-    ratio = float(np.median(after[both] / start[both])) if both.any() else np.inf
+    after = np.array([fit.residual for fit in fits])
+    both = np.isfinite(after) & np.isfinite(before)
     last = rounds[-1]
     # Of ground that no image showed at the start nothing can have become worse.
-    if np.isfinite(start).any() and not ratio <= _WORSE:
-        return Outcome.DIVERGED, f"the residual of brightness is {ratio:.2f} times the start's"
+    if np.isfinite(before).any() and not both.any():
+        return Outcome.DIVERGED, "no image shows enough of the surface that was found"
+    ratio = float(np.median(after[both] / before[both])) if both.any() else _WORSE
+    if not ratio <= _WORSE:
+        return Outcome.DIVERGED, f"the residual of brightness rose to {ratio:.2f} times the start's"
     if determined < LEAST_DETERMINED:
         return Outcome.UNDETERMINED, (
             "both directions of the slope are determined by images, or heights by constraints, in "

@@ -132,7 +132,9 @@ class Photoclinometry:
         NaN where high images determine the albedo less than a prior of `albedo_sigma` does, such as
         in shadow: the albedo of the maplet is that of the ground around there, or of the start.
     images : tuple of ImageFit
+        How each fits the surface, or the start where that is kept.
     rounds : tuple of Round
+        Those done, also of a surface that was given up.
     outcome : Outcome
     reason : str
         Why it ended so, in one clause.

@@ -19,7 +19,7 @@ from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, outcome_
 from spcola.photometry.photoclinometry.left_over import area_left_over
 from spcola.photometry.photoclinometry.nuisances import nuisance_values, with_contrast
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
-from spcola.photometry.photoclinometry.result import ImageFit, Outcome, Photoclinometry
+from spcola.photometry.photoclinometry.result import Outcome, Photoclinometry
 from spcola.photometry.photoclinometry.surface import cell_slopes
 from spcola.photometry.photoclinometry.surface_equations import (
     albedo_sigma_of,
@@ -99,7 +99,7 @@ def solve_photoclinometry(
     lights = dict(secondary or {})
     fit = SurfaceFit.of(start, images, states, tuple(constraints), beyond, lights, options)
     if fit.high < 2 and float(np.mean(fit.precise)) < LEAST_DETERMINED:
-        return _kept(fit, (), Outcome.TOO_FEW_IMAGES)
+        return _kept(fit, Outcome.TOO_FEW_IMAGES)
     turned = fit.with_turned_suns()
     for factor in options.levels:
         fit.level(factor)
@@ -126,7 +126,7 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     axis = UndeterminedAxis.of(reduced.slopes, directions == 1, fit.start.grid)
     outcome, reason = outcome_of(fit.before, fits, fit.rounds, determined, axis, options)
     if outcome is Outcome.DIVERGED:
-        return replace(_kept(fit, fits, outcome), reason=reason)
+        return replace(_kept(fit, outcome), reason=reason)
     known = np.any([fit.start.valid, *(one.weight > 0.0 for one in fit.constraints)], axis=0)
     touched = at_cells(np.pad(directions.astype(np.float64), 1)) > 0.0
     known |= touched
@@ -232,16 +232,15 @@ def _bend_errors(fit: SurfaceFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     return bend_sigma * bend, top_sigma * excess, bend_sigma * usual
 
 
-def _kept(fit: SurfaceFit, fits: tuple[ImageFit, ...], outcome: Outcome) -> Photoclinometry:
-    """Return the start surface as it was."""
+def _kept(fit: SurfaceFit, outcome: Outcome) -> Photoclinometry:
+    """Return the start surface as it was, and how images fit it."""
     cells = fit.start.grid.size - 1
-    fits = fits or fit.image_fits()
     return Photoclinometry(
         fit.start,
         np.zeros((cells, cells), dtype=np.int8),
         np.full((2, cells, cells), np.nan),
         np.full((cells, cells), np.nan),
-        fits,
+        fit.start_fits,
         tuple(fit.rounds),
         outcome,
         f"{fit.count} of {len(fit.images)} images show enough lit ground of it, {fit.high} with "

@@ -85,8 +85,8 @@ class SurfaceFit:
         None for images that do not show the grid.
     rounds : list of Round
         Those done.
-    before : list of float
-        Residual of each image before the first round; NaN where it does not show the grid.
+    start_fits : tuple of ImageFit
+        How each image fits the start, before the first round.
     directions : (R − 1, C − 1) ndarray of int8
         In how many directions images determined the slopes of the cells in the last round.
     priors : Priors, optional
@@ -107,7 +107,7 @@ class SurfaceFit:
     states: list[ImageState]
     windows: list[ImageWindow | None]
     rounds: list[Round]
-    before: list[float]
+    start_fits: tuple[ImageFit, ...]
     directions: AnyArray
     priors: Priors | None = None
     light_ratio: float = float("nan")
@@ -141,12 +141,17 @@ class SurfaceFit:
         fit = cls(
             start, images, constraints, secondary, options, known,
             [(np.minimum(seen, within), lit) for seen, lit in opened],
-            coarsest, surface, [ImageState.unknown() for _ in images], [], [], [],
+            coarsest, surface, [ImageState.unknown() for _ in images], [], [], (),
             np.zeros(albedo.shape, dtype=np.int8),
         )  # fmt: skip
         fit.windows = fit.cut(grid, surface.height)
-        fit.before = [one.residual for one in fit.image_fits()]
+        fit.start_fits = fit.image_fits()
         return fit
+
+    @property
+    def before(self) -> FloatArray:
+        """Residual (K,) of each image for the start; NaN where it does not show the grid."""
+        return np.array([one.residual for one in self.start_fits])
 
     @property
     def count(self) -> int:

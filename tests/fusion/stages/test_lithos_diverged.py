@@ -11,11 +11,17 @@ from photographs import Painted
 from scipy import ndimage
 from solved_photographs import SIGHTS
 
+from fusion.stages.lithos.fits import Summary
+from fusion.stages.lithos.result import content_of
 from fusion.workspace import Workspace, new_workspace
 from spcola.formats.images import write_image_data
 from spcola.formats.maplets import write_maplet
 from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
+from spcola.photometry.photoclinometry import ImageFit, Outcome, PhotoclinometryOptions
+from spcola.photometry.photoclinometry.judging import outcome_of
+from spcola.photometry.photoclinometry.result import Round
+from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
 
 NAME = "AA0001"
 
@@ -58,18 +64,48 @@ def test_a_maplet_that_diverges_keeps_its_bytes_and_is_named_with_the_reason(wor
     content = called(*arguments, "--map", wrong_map, "--as", "wrong")
     found = content["maplets"][NAME]
     assert found["outcome"] == "diverged"
-    assert found["reason"].startswith("the residual of brightness is ")
-    times = float(found["reason"].split()[5])
+    assert found["reason"].startswith("the residual of brightness rose to ")
+    times = float(found["reason"].split()[6])
     assert times > 2.0
     kept = Workspace.open(root, "wrong").maplet_path(NAME)
     assert kept.read_bytes() == workspace.maplet_path(NAME).read_bytes()
+    # All that is stated is of what is kept: the true heights, with which all images correlate.
+    assert found["residual"] < 0.5 * found["rounds"][-1]["residual"]
+    assert found["correlation"] > 0.85
+    assert {one["fit"] for one in found["images"].values()} == {"used"}
+    assert found["shift_px"] == 0.0
     findings = {one["code"]: one for one in content["findings"]}
     assert findings["diverged"]["names"] == [NAME]
-    assert "keep their heights" in findings["diverged"]["do"]
+    do = findings["diverged"]["do"]
+    assert do.startswith(f"{NAME}: {found['reason']}; they keep their heights, whose residuals")
     written = json.loads((root / "solutions" / "wrong" / "photoclinometry.json").read_text())
     assert written["maplets"][NAME]["reason"] == found["reason"]
     printed = call(*arguments, "--map", wrong_map, "--as", "printed").stdout
     assert (
         f"residual of brightness {found['residual_start']:.1%} → {found['residual']:.1%}" in printed
     )
-    assert any("diverged" in line and NAME in line for line in printed.splitlines())
+    assert f"  diverged: {NAME}; {do}" in printed.splitlines()
+
+
+def test_of_many_maplets_that_diverged_the_first_three_have_their_reasons():
+    names = [f"AA{number:04d}" for number in range(5)]
+    start = {"outcome": "diverged", "rounds": [], "light_ratio": None, "constraints": {}}
+    found = {
+        name: Summary(
+            Outcome.DIVERGED, (), {**start, "reason": f"the residual rose to {number}"}
+        )
+        for number, name in enumerate(names)
+    }  # fmt: skip
+    (finding,) = content_of(found, {}, [])["findings"]
+    assert finding["names"] == names
+    reasons = ", ".join(f"{names[k]}: the residual rose to {k}" for k in range(3))
+    assert finding["do"].startswith(f"{reasons}; they keep their heights")
+
+
+def test_a_surface_that_no_image_shows_any_more_has_a_reason_of_its_own():
+    lost = [ImageFit.not_seen("I0")]
+    rounds = [Round(0.5, 0.1, 0.01, 0.01)]
+    ended = outcome_of(
+        np.array([0.1]), lost, rounds, 1.0, UndeterminedAxis(), PhotoclinometryOptions()
+    )
+    assert ended == (Outcome.DIVERGED, "no image shows enough of the surface that was found")
