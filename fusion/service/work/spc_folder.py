@@ -17,6 +17,7 @@ _FOLDERS: Mapping[str, str] = {
     ".SIG": "MAPFILES",
     ".ASG": "MAPFILES",
     ".SSG": "MAPFILES",
+    ".SDR": "MAPFILES",
     ".LMK": "LMKFILES",
     ".SUM": "SUMFILES",
     ".NOM": "NOMINALS",

@@ -20,6 +20,7 @@ from fusion.workspace import Workspace
 from spcola import atomic
 from spcola.formats.image_sigmas import write_albedo_sigma, write_slope_sigma
 from spcola.formats.maplets import write_maplet
+from spcola.formats.slope_directions import SlopeDirections, write_slope_directions
 
 # Raised whenever equal input gives other maplets.
 _VERSION = 32
@@ -105,5 +106,7 @@ def _solved(
                 # Those of the parent's maplet would be linked.
                 write_albedo_sigma(path, found.point_albedo_sigma)
                 write_slope_sigma(path, found.slope_sigma)
+                directions = SlopeDirections(found.directions, found.undetermined_azimuth_deg)
+                write_slope_directions(path, directions)
             task.advance_one(spent)
             yield name, summary_of(found)

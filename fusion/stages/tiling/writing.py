@@ -19,7 +19,7 @@ from spcola.formats.solution import write_landmark, write_list, write_summary
 from spcola.grids import MapletGrid
 from spcola.shape.tiling import Seed
 
-_MAPLET_SUFFIXES = (".MAP", ".SIG", ".ASG", ".SSG")
+_MAPLET_SUFFIXES = (".MAP", ".SIG", ".ASG", ".SSG", ".SDR")
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,6 +125,9 @@ class Photoclinometry:
         Heights, relative albedo, sigma of heights.
     directions : (R − 1, C − 1) ndarray of int
         In how many directions images determine the slope of each cell: 0, 1 or 2.
+    undetermined_azimuth_deg : (R − 1, C − 1) ndarray
+        Of cells with one direction the axis along which it is not determined, in the plane of the
+        grid, from north towards east, 0 … 180; NaN for other cells.
     slope_sigma : (2, R − 1, C − 1) ndarray
         Of ∂h/∂x and ∂h/∂y of the heights, by images, stereo and constraints; NaN where one of the
         four heights is unknown, or they are those of the start.
@@ -159,6 +162,7 @@ class Photoclinometry:
 
     maplet: Maplet
     directions: AnyArray
+    undetermined_azimuth_deg: FloatArray
     slope_sigma: FloatArray
     albedo_sigma: FloatArray
     images: tuple[ImageFit, ...]

@@ -28,7 +28,7 @@ from spcola.photometry.photoclinometry.surface_equations import (
     reduce_albedo,
 )
 from spcola.photometry.photoclinometry.surface_fit import SurfaceFit
-from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
+from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis, cell_azimuths
 from spcola.photometry.secondary_light import SecondaryLight
 from spcola.shape import RayCaster
 
@@ -123,7 +123,8 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     directions = determined_directions(reduced, options.determined_sigma)
     determined = float(np.mean((directions == 2) | fit.precise))
     left_over = area_left_over(fit.windows, fit.surface, fit.states, options)
-    axis = UndeterminedAxis.of(reduced.slopes, directions == 1, fit.start.grid)
+    of_one = reduced.slopes, directions == 1, fit.start.grid
+    axis, azimuth = UndeterminedAxis.of(*of_one), cell_azimuths(*of_one)
     outcome, reason = outcome_of(fit.before, fits, fit.rounds, determined, axis, options)
     if outcome is Outcome.DIVERGED:
         return replace(_kept(fit, outcome), reason=reason)
@@ -157,9 +158,9 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     albedo_sigma[by_images < options.albedo_sigma**-2.0] = np.nan
     albedo_sigma = options.convention.stated(albedo_sigma)
     return Photoclinometry(
-        maplet, directions, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome, reason,
-        fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints), axis,
-        left_over,
+        maplet, directions, azimuth, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome,
+        reason, fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints),
+        axis, left_over,
     )  # fmt: skip
 
 
@@ -238,6 +239,7 @@ def _kept(fit: SurfaceFit, outcome: Outcome) -> Photoclinometry:
     return Photoclinometry(
         fit.start,
         np.zeros((cells, cells), dtype=np.int8),
+        np.full((cells, cells), np.nan),
         np.full((2, cells, cells), np.nan),
         np.full((cells, cells), np.nan),
         fit.start_fits,

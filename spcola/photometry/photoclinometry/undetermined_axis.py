@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.grids import MapletGrid
 from spcola.math import local_axes
 
@@ -60,16 +60,13 @@ class UndeterminedAxis:
         """
         if not one.any():
             return cls()
-        xx, xy, yy = information[:, one]
-        # Twice the angle of the eigenvector of the smaller eigenvalue, as a complex number. The
-        # eigenvalues differ, as only one of them reaches the limit.
-        doubled = (yy - xx) - 2j * xy
+        doubled = _doubled(information[:, one])
         mean = complex(np.mean(doubled / np.abs(doubled)))
         agreement, share = abs(mean), float(np.mean(one))
         if np.count_nonzero(one) < _FEWEST_CELLS or agreement < _LEAST_AGREEMENT:
             return cls(agreement=agreement, share=share)
         angle = 0.5 * float(np.angle(mean)) % np.pi % np.pi
-        return cls(angle, azimuth_of(angle, grid), agreement, share)
+        return cls(angle, float(azimuths_of(np.array(angle), grid)), agreement, share)
 
     @property
     def known(self) -> bool:
@@ -82,17 +79,47 @@ class UndeterminedAxis:
         return f"{round(self.azimuth_deg) % 180}°"
 
 
-def azimuth_of(angle: float, grid: MapletGrid) -> float:
-    """Return the azimuth of an axis in the plane of a grid, from north to east, 0 … 180 degrees.
+def cell_azimuths(information: FloatArray, one: BoolArray, grid: MapletGrid) -> FloatArray:
+    """Return the azimuth (R − 1, C − 1) along which the slope of each cell is not determined.
 
     Parameters
     ----------
-    angle : float
-        Of the axis, from the grid's Ux towards Uy, radians.
+    information, one, grid
+        As of :meth:`UndeterminedAxis.of`.
+
+    Returns
+    -------
+    (R − 1, C − 1) ndarray
+        Degrees, 0 … 180, from north towards east; NaN where `one` is false.
+    """
+    found = np.full(one.shape, np.nan)
+    found[one] = azimuths_of(0.5 * np.angle(_doubled(information[:, one])), grid)
+    return found
+
+
+def _doubled(information: FloatArray) -> AnyArray:
+    """Return twice the angles (N,) of the undetermined axes, as arguments of complex numbers.
+
+    They are those of the eigenvectors of the smaller eigenvalues. The eigenvalues differ, as only
+    one of them reaches the limit.
+    """
+    xx, xy, yy = information
+    doubled: AnyArray = (yy - xx) - 2j * xy
+    return doubled
+
+
+def azimuths_of(angle: FloatArray, grid: MapletGrid) -> FloatArray:
+    """Return the azimuths of axes in the plane of a grid, from north to east, 0 … 180 degrees.
+
+    Parameters
+    ----------
+    angle : ndarray
+        Of the axes, from the grid's Ux towards Uy, radians.
     grid : MapletGrid
         Body-fixed.
     """
     south, east, _ = local_axes(grid.uz)
-    along = np.cos(angle) * grid.ux + np.sin(angle) * grid.uy
+    along = np.cos(angle)[..., None] * grid.ux + np.sin(angle)[..., None] * grid.uy
     # The modulus of a rounding error below 0 is 180 itself.
-    return float(np.degrees(np.arctan2(along @ east, -(along @ south))) % 180.0 % 180.0)
+    found: FloatArray = np.degrees(np.arctan2(along @ east, -(along @ south))) % 180.0 % 180.0
+    return found

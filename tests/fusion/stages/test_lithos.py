@@ -23,6 +23,7 @@ from spcola.formats.image_sigmas import (
     slope_sigma_path,
 )
 from spcola.formats.maplets import write_maplet
+from spcola.formats.slope_directions import read_slope_directions, slope_directions_path
 from spcola.formats.solution import read_summary, write_summary
 from spcola.grids import Maplet, MapletGrid
 from spcola.heights.slopes import slopes_of
@@ -147,6 +148,9 @@ def test_the_result_states_how_each_maplet_and_image_fits(mission, solved):
     slopes = read_slope_sigma(slope_sigma_path(path), half)
     albedo = read_albedo_sigma(albedo_sigma_path(path), half)
     assert one["slope_sigma"] == pytest.approx(np.nanmedian(slopes), rel=1e-3)
+    found = read_slope_directions(slope_directions_path(path), half)
+    shares = [np.mean(found.count == number) for number in range(3)]
+    np.testing.assert_allclose(shares, one["directions"], rtol=1e-12)
     assert one["albedo_sigma"] == pytest.approx(np.nanmedian(albedo), rel=0.05)
     used = [fit for fit in one["images"].values() if fit["fit"] == "used"]
     assert len(used) >= 3

@@ -43,9 +43,8 @@ def made(root):
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != "solution.json"
     }
-    assert {f"MAPFILES/{name}{end}" for name in SOME for end in (".MAP", ".ASG", ".SSG")} <= set(
-        files
-    )
+    ends = (".MAP", ".ASG", ".SSG", ".SDR")
+    assert {f"MAPFILES/{name}{end}" for name in SOME for end in ends} <= set(files)
     return files
 
 

@@ -12,7 +12,7 @@ from spcola.photometry.photoclinometry import (
     PhotoclinometryOptions,
     solve_photoclinometry,
 )
-from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
+from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis, cell_azimuths
 
 OPTIONS = PhotoclinometryOptions(function=lambert, least_error=1e-3, settled_gsd=5e-3)
 TOWARD = ([0.3, 0.0, 1.0], [-0.4, 0.2, 1.0], [0.0, 0.4, 1.0], [0.1, -0.4, 1.0])
@@ -52,6 +52,14 @@ def test_slopes_across_a_single_sun_are_not_determined(painted, angle_deg):
     assert angle_deg != 45.0 or sigmas[0] / sigmas[1] == pytest.approx(1.0, abs=0.1)
     # Ux is south and Uy east here: the azimuth of a direction is 180° less its angle.
     assert apart(axis.azimuth_deg, 90.0 - angle_deg) < 2.0
+    one = found.directions == 1
+    np.testing.assert_array_equal(np.isfinite(found.undetermined_azimuth_deg), one)
+    cells = found.undetermined_azimuth_deg[one]
+    assert ((cells >= 0.0) & (cells < 180.0)).all()
+    # The axis of the maplet is the mean of those of its cells.
+    mean = np.mean(np.exp(2j * np.radians(cells)))
+    assert abs(mean) == pytest.approx(axis.agreement)
+    assert apart(0.5 * np.degrees(np.angle(mean)), axis.azimuth_deg) < 1e-6
     assert found.outcome is Outcome.UNDETERMINED
     stated = f"along azimuth {round(axis.azimuth_deg)}° (from north to east) are not determined"
     assert stated in found.reason
@@ -71,6 +79,8 @@ def test_without_images_there_is_no_axis(painted):
     assert found.outcome is Outcome.TOO_FEW_IMAGES
     assert not found.undetermined_axis.known
     assert np.isnan(found.undetermined_axis.agreement)
+    assert np.isnan(found.undetermined_azimuth_deg).all()
+    assert found.undetermined_azimuth_deg.shape == found.directions.shape
 
 
 def information(angles):
@@ -91,6 +101,16 @@ def test_axes_are_the_same_after_half_a_turn():
     assert apart(axis.angle, 0.0, np.pi) < 1e-9
     assert axis.agreement == pytest.approx(np.cos(np.radians(2.0)))
     assert axis.shown_azimuth == "0°"
+
+
+def test_each_cell_with_one_direction_has_its_own_axis():
+    grid = MapletGrid.facing([0.0, 250.0, 0.0], [0.0, 1.0, 0.0], 0.5, 2)
+    angles = np.radians([10.0, 100.0, 190.0, 55.0])
+    one = np.array([[True], [True], [True], [False]])
+    found = cell_azimuths(information(angles), one, grid)
+    # Ux is south and Uy east here.
+    np.testing.assert_allclose(found[:3, 0], [170.0, 80.0, 170.0])
+    assert np.isnan(found[3, 0])
 
 
 @pytest.mark.parametrize("agreement", [0.79, 0.81])
