@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ ALBEDO_KEYS = {
     "surfaces[].center_sigma_m": "of V, along each axis",
     "surfaces[].measured": "images in which V was measured: these have it in their .SUM",
     "images": "over all surfaces: number used, median residual and correlation, worst fit",
-    "findings": "outliers: code, names, what to do",
+    "findings": "images that cannot be used, and outliers: code, names, what to do",
     "made_from": "of bigmaps: SHA-256 of the .MAP, states, pixels and shape, by path",
 }
 _OUTCOMES: Mapping[AlbedoOutcome, str] = {
@@ -91,7 +91,11 @@ def summary_of(found: AlbedoSolution, known: int, placed: PlacedMapola | None = 
     return Summary(found.outcome, found.images, _surface_json(found, known, placed))
 
 
-def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(
+    found: Mapping[str, Summary],
+    options: Mapping[str, Any],
+    bad_images: Sequence[Mapping[str, Any]] = (),
+) -> dict[str, Any]:
     """Return the content of ``albedo.json``.
 
     Parameters
@@ -100,6 +104,8 @@ def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict
         By the names of maplets or bigmaps.
     options : mapping
         In JSON types.
+    bad_images : sequence of mapping
+        Findings of images that no surface could use; the first, as others may follow from them.
     """
     by_image = fits_by_image(found.values())
     solved = [one.content for one in found.values() if one.content["share"]]
@@ -112,7 +118,7 @@ def content_of(found: Mapping[str, Summary], options: Mapping[str, Any]) -> dict
         },
         "surfaces": {name: one.content for name, one in found.items()},
         "images": images_json(by_image),
-        "findings": _findings(found, by_image),
+        "findings": [*bad_images, *_findings(found, by_image)],
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from fusion.stages.albedo.placing import placed_mapolas
 from fusion.stages.albedo.result import ALBEDO_FILE, AlbedoResult, content_of, summary_of
 from fusion.stages.albedo.sources import AlbedoSources
 from fusion.stages.albedo.surfaces import Surfaces
+from fusion.stages.bad_images import image_findings
 from fusion.stages.lithos.constraining import check_registration
 from fusion.stages.lithos.fits import Summary
 from fusion.stages.tiling.naming import free_letters, free_names
@@ -89,7 +90,7 @@ def albedo_solution(
         found = dict(_solved(sources, surfaces, folder / "MAPFILES", executor, progress))
         if surfaces.placed:
             write_landmarks(workspace, folder, list(surfaces.placed.values()))
-        content = content_of(found, options)
+        content = content_of(found, options, _bad_images(sources, surfaces, found))
         atomic.write_text(folder / ALBEDO_FILE, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not work.subset:
@@ -133,12 +134,21 @@ def albedo_of_bigmaps(
         folder = workspace.home / _BIGMAPS
         make_folder(folder)
         found = dict(_solved(sources, surfaces, folder, executor, progress))
-        content = content_of(found, sources.work.as_json())
+        bad = _bad_images(sources, surfaces, found)
+        content = content_of(found, sources.work.as_json(), bad)
         content["made_from"] = sources.input_digests(surfaces.grids.values()) | {
             f"bigmaps/{name}.MAP": file_digest(surfaces.files[name]) for name in surfaces.grids
         }
         atomic.write_text(folder / ALBEDO_FILE, json_text(content))
     return AlbedoResult(workspace.solution, workspace.solution, folder, content)
+
+
+def _bad_images(
+    sources: AlbedoSources, surfaces: Surfaces, found: Mapping[str, Summary]
+) -> list[dict[str, Any]]:
+    """Return what is wrong with images that no surface could use."""
+    fits = {name: one.images for name, one in found.items()}
+    return list(image_findings(sources.use(surfaces.grids, fits)))
 
 
 def _maplets(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,16 +11,17 @@ from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
 from fusion.runtime.machine import check_memory
 from fusion.stages.albedo.options import AlbedoWork
+from fusion.stages.bad_images import ImageUse, Outline, no_usable_image, with_right_sizes
 from fusion.stages.lithos.blurs import blur_path, with_blurs
 from fusion.stages.lithos.digests import ImageDigests
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
-from spcola.errors import WorkspaceError
 from spcola.grids import Maplet, MapletGrid
 from spcola.imagematching import ChoiceOptions
 from spcola.photometry.albedo import AlbedoOptions, AlbedoSolution, solve_albedo
+from spcola.photometry.photoclinometry import ImageFit
 
 # Cells along a side of the ground for which images are chosen, and most squares of them.
 _SIDE, _MOST_SIDES = 98, 6
@@ -38,12 +39,18 @@ class AlbedoSources:
     items : ItemStore
     work : AlbedoWork
     digests : ImageDigests
+    whole : list of MapletGrid
+        All ground that images may show, in squares of about the size of a maplet.
+    wrong_size : dict of str to str
+        Images that are left out, as their files do not have the size of their .SUM; both in words.
     """
 
     images: ImageScene
     items: ItemStore
     work: AlbedoWork
     digests: ImageDigests
+    whole: list[MapletGrid]
+    wrong_size: dict[str, str]
 
     @classmethod
     def of(
@@ -54,11 +61,13 @@ class AlbedoSources:
         Raises
         ------
         WorkspaceError
-            If no image has both pixels and a state of known uncertainty.
+            If no image can be used: it needs pixels of the size of its .SUM, and a state of known
+            uncertainty.
         FormatError
             As :func:`with_blurs`.
         """
         images = ImageScene.of(workspace, grids, workspace.settings().registration)
+        images, wrong = with_right_sizes(images)
         own = with_blurs(work.albedo.photoclinometry, workspace, work.image_blur)
         work = replace(work, albedo=replace(work.albedo, photoclinometry=own))
         images = replace(
@@ -68,13 +77,18 @@ class AlbedoSources:
                 images.options, function=own.function, psf_px=own.psf_px, blurs=own.blurs
             ),
         )
+        whole = [part for grid in grids for part in _parts(grid)]
         if not images.images:
-            raise WorkspaceError(
-                "no image has both pixels and a state of known uncertainty",
-                workspace.root / "IMAGEFILES",
-                "bring images and states: spcola images",
-            )
-        return cls(images, items, work, ImageDigests(workspace))
+            raise no_usable_image(workspace, wrong, Outline.of(images.beyond, whole))
+        return cls(images, items, work, ImageDigests(workspace), whole, wrong)
+
+    def use(
+        self, grids: Mapping[str, MapletGrid], fits: Mapping[str, Sequence[ImageFit]]
+    ) -> ImageUse:
+        """Return how images were used for ground of these grids, and fit it."""
+        return ImageUse(
+            self.images, self.whole, grids, fits, self.wrong_size, ground=self.work.ground
+        )
 
     def showing(self, grid: MapletGrid) -> list[SpcImage]:
         """Return the images of a grid: of a large one those of its parts, each once."""

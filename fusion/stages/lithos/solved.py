@@ -11,8 +11,8 @@ from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
 from fusion.runtime import Executor, Progress, json_text
 from fusion.runtime.remaining import Timed
+from fusion.stages.bad_images import image_findings
 from fusion.stages.lithos.fits import Summary
-from fusion.stages.lithos.image_findings import image_findings
 from fusion.stages.lithos.options import LithosOptions
 from fusion.stages.lithos.result import LithosResult, content_of, summary_of
 from fusion.stages.lithos.sources import LithosSources
@@ -77,7 +77,8 @@ def lithos_solution(
     made_by = MadeBy(options.purpose.value, {}, facts, sources.input_digests(names))
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
-        bad = list(image_findings(sources, found))
+        use = sources.use({name: one.images for name, one in found.items()})
+        bad = list(image_findings(use))
         content = content_of(found, facts["lithos"], sources.heights.names, bad)
         atomic.write_text(folder / file, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}

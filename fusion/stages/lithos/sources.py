@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
+from fusion.stages.bad_images import ImageUse, Outline, no_usable_image, with_right_sizes
 from fusion.stages.lithos.blurs import blur_path, with_blurs
 from fusion.stages.lithos.constraining import ConstrainingHeights, no_shape
 from fusion.stages.lithos.digests import ImageDigests
-from fusion.stages.lithos.image_files import no_usable_image, wrong_sizes
 from fusion.stages.lithos.options import LithosOptions
-from fusion.stages.lithos.outlines import Outline
 from fusion.stages.lithos.shade import check_shade, looks_at
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
@@ -26,6 +25,7 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.imagematching import ChoiceOptions
 from spcola.photometry.photoclinometry import (
     HeightConstraint,
+    ImageFit,
     Photoclinometry,
     PhotoclinometryOptions,
     solve_photoclinometry,
@@ -94,12 +94,8 @@ class LithosSources:
         light = options.photoclinometry.function
         solver = with_blurs(options.photoclinometry, workspace, options.image_blur)
         options = replace(options, photoclinometry=solver)
-        wrong = wrong_sizes(workspace, images.images)
-        images = replace(
-            images,
-            images=tuple(image for image in images.images if image.name not in wrong),
-            choice=ChoiceOptions(most=options.max_images, light=light),
-        )
+        images, wrong = with_right_sizes(images)
+        images = replace(images, choice=ChoiceOptions(most=options.max_images, light=light))
         if not images.images:
             outline = Outline.of(images.beyond, grids.values())
             raise no_usable_image(workspace, wrong, outline)
@@ -154,6 +150,24 @@ class LithosSources:
         if name not in self.chosen:
             self.chosen[name] = self.images.showing(self.grids[name])
         return self.chosen[name]
+
+    def use(self, fits: Mapping[str, Sequence[ImageFit]]) -> ImageUse:
+        """Return how images were used.
+
+        Parameters
+        ----------
+        fits : mapping of str to sequence of ImageFit
+            By the names of the maplets that were solved.
+        """
+        solved = {name: self.grids[name] for name in fits}
+        return ImageUse(
+            self.images,
+            list(self.grids.values()),
+            solved,
+            fits,
+            self.wrong_size,
+            secondary=self.options.secondary,
+        )
 
     def solve(self, name: str) -> Photoclinometry:
         """Return the photoclinometry of a maplet; a kept one if nothing that goes into it changed.

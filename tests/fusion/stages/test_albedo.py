@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
 from spcola.formats.image_sigmas import read_albedo_sigma
 from spcola.formats.maplets import read_map, read_maplet
+from spcola.formats.solution import write_summary
 from spcola.grids import project_maplet
 from spcola.truth.body import TruthBody
 
@@ -192,6 +194,30 @@ def test_a_whole_bigmap_has_one_albedo(imaged_mission, root):
     assert "bigmaps/EQ.MAP" in json.loads((folder / "albedo.json").read_text())["made_from"]
     assert call("bigmap", root).stdout.startswith("bigmap: up to date")
     assert (folder / "EQ.ASG").is_file()
+
+
+@pytest.mark.parametrize(
+    ("ground", "name"), [("maplets", SOME[0]), ("mapolas", SOME[0]), ("bigmaps", "EQ")]
+)
+def test_images_with_a_wrong_state_are_named(root, tmp_path, ground, name):
+    copy = tmp_path / "WS"
+    shutil.copytree(root, copy, symlinks=True, ignore=shutil.ignore_patterns("solutions"))
+    given = ("spc", "albedo", copy, "--of", ground, "--only", name, "--rounds", "1")
+    right = called(*given)
+    bad = {"sun-reversed", "no-sunlit-ground", "looks-away"}
+    assert not bad & {one["code"] for one in right["findings"]}
+    (surface,) = right["surfaces"].values()
+    seen = sorted(one for one, fit in surface["images"].items() if fit["fit"] != "not-seen")
+    workspace = Workspace.open(copy)
+    states = [workspace.image(one) for one in seen[:2]]
+    turned = replace(states[1], axes=states[1].axes * [[1.0], [-1.0], [-1.0]])
+    for state in (replace(states[0], sun=-states[0].sun), turned):
+        workspace.image_path(state.name).unlink()  # a link into the mission
+        write_summary(workspace.image_path(state.name), state)
+    found = {one["code"]: one for one in called(*given)["findings"]}
+    assert found["sun-reversed"]["names"] == [seen[0]]
+    assert f"no {ground} have usable light" in found["sun-reversed"]["do"]
+    assert found["looks-away"]["names"] == [seen[1]]
 
 
 @pytest.mark.parametrize(

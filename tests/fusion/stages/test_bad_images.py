@@ -1,4 +1,4 @@
-"""Images that cannot be used are named by ``spcola spc lithos``, and the others are solved."""
+"""Images that cannot be used are named by ``spc lithos`` and ``spc albedo``; others are used."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from command_line import call, called, refused
 from photographs import Painted
 from solved_workspace import SIGHTS
 
-from fusion.stages.lithos.image_findings import state_findings, unusable
-from fusion.stages.lithos.outlines import Outline
+from fusion.stages.bad_images.findings import state_findings, unusable
+from fusion.stages.bad_images.outlines import Outline
 from fusion.workspace import Workspace, new_workspace
 from spcola.camera import Camera, SpcImage, ray
 from spcola.formats.images import write_image_data
@@ -26,6 +26,8 @@ PLACE, NORMAL = np.array([80.0, 20.0, 10.0]), np.array([0.9, 0.3, 0.2])
 MAPLET, FAR = "AA0001", "AA0002"
 GOOD = [f"I{k}" for k in range(len(SIGHTS))]
 RUN = ("--constraint", "none", "--photometry", "lambert")
+EVEN = ("--photometry", "lambert")
+"""Options of ``spc albedo``."""
 
 
 def sun_negated(image):
@@ -87,6 +89,25 @@ def root(good, tmp_path):
     return copy
 
 
+def add_bad_images(workspace, photograph):
+    """Add an image of each kind that cannot be used."""
+    bad = {
+        "S": sun_negated, "A": turned_away, "W": of_another_size,
+        "B": filled(65535), "D": filled(0),
+    }  # fmt: skip
+    for name, change in bad.items():
+        add_image(workspace, replace(photograph, name=name), change)
+
+
+NAMED = [
+    ("image-size", ["W"]),
+    ("looks-away", ["A"]),
+    ("no-sunlit-ground", ["S"]),
+    ("image-unusable", ["D"]),
+    ("image-unusable", ["B"]),
+]
+
+
 def codes(content):
     return {one["code"]: one["names"] for one in content["findings"]}
 
@@ -99,22 +120,10 @@ def test_right_images_are_no_finding_even_where_they_show_another_maplet(good):
 
 
 def test_each_bad_image_is_named_with_its_cause_and_the_others_are_solved(good, root, photographs):
-    workspace = Workspace.open(root)
-    bad = {
-        "S": sun_negated, "A": turned_away, "W": of_another_size,
-        "B": filled(65535), "D": filled(0),
-    }  # fmt: skip
-    for name, change in bad.items():
-        add_image(workspace, replace(photographs[0], name=name), change)
+    add_bad_images(Workspace.open(root), photographs[0])
     content = called("spc", "lithos", root, *RUN, "--only", MAPLET, "--as", "bad")
     found = [(one["code"], one["names"]) for one in content["findings"]]
-    assert found == [
-        ("image-size", ["W"]),
-        ("looks-away", ["A"]),
-        ("no-sunlit-ground", ["S"]),
-        ("image-unusable", ["D"]),
-        ("image-unusable", ["B"]),
-    ]
+    assert found == NAMED
     do = [one["do"] for one in content["findings"]]
     assert "W: 8192 bytes, where 60 × 64 pixels need 3840 or twice that" in do[0]
     assert "Cy and Cz have the wrong sign" in do[1]
@@ -129,6 +138,20 @@ def test_each_bad_image_is_named_with_its_cause_and_the_others_are_solved(good, 
         for where, name in ((good[0], "right"), (root, "bad"))
     )
     np.testing.assert_allclose(one, other, atol=1e-3)
+
+
+def test_albedo_names_the_same_images_and_uses_the_others(root, photographs):
+    right = called("spc", "albedo", root, "--only", MAPLET, *EVEN, "--as", "right")
+    assert not {code for code, _ in NAMED} & set(codes(right))
+    add_bad_images(Workspace.open(root), photographs[0])
+    content = called("spc", "albedo", root, "--only", MAPLET, *EVEN, "--as", "bad")
+    found = [(one["code"], one["names"]) for one in content["findings"]]
+    assert found[: len(NAMED)] == NAMED
+    assert found[len(NAMED) :] == [(one["code"], one["names"]) for one in right["findings"]]
+    fits = {name: one["fit"] for name, one in content["surfaces"][MAPLET]["images"].items()}
+    assert {name for name, fit in fits.items() if fit != "not-seen"} == set(GOOD)
+    one, other = (Workspace.open(root, name).maplet(MAPLET).albedo for name in ("right", "bad"))
+    np.testing.assert_array_equal(one, other)
 
 
 def test_suns_that_are_all_negated_are_named_before_the_maplet_without_images(root, photographs):
@@ -156,6 +179,7 @@ def test_a_run_without_any_image_left_is_refused_and_writes_nothing(
     for image in photographs:
         add_image(Workspace.open(root), image, change)
     assert words in refused("spc", "lithos", root, *RUN)
+    assert words in refused("spc", "albedo", root, *EVEN)
     assert not list(root.glob("solutions/*"))
 
 

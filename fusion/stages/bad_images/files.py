@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
-from fusion.stages.lithos.outlines import Outline
+from fusion.stages.bad_images.outlines import Outline
+from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
 from spcola.errors import WorkspaceError
 
-__all__ = ["no_usable_image", "wrong_sizes"]
+__all__ = ["no_usable_image", "with_right_sizes"]
 
 
-def wrong_sizes(workspace: Workspace, images: Iterable[SpcImage]) -> dict[str, str]:
-    """Return the images whose file does not have the size of their .SUM, and both in words.
+def with_right_sizes(scene: ImageScene) -> tuple[ImageScene, dict[str, str]]:
+    """Return a scene without images whose file does not have the size of their .SUM, and these.
 
-    Files are not read: one is found before the first maplet that would need it.
+    Files are not read: one is found before the first ground that would need it.
 
     Parameters
     ----------
-    workspace : Workspace
-    images : iterable of SpcImage
-        With a file in IMAGEFILES.
+    scene : ImageScene
+
+    Returns
+    -------
+    scene : ImageScene
+    wrong : dict of str to str
+        Of the images that are left out both sizes in words.
     """
+    wrong = _wrong_sizes(scene.workspace, scene.images)
+    images = tuple(image for image in scene.images if image.name not in wrong)
+    return replace(scene, images=images), wrong
+
+
+def _wrong_sizes(workspace: Workspace, images: Iterable[SpcImage]) -> dict[str, str]:
+    """Return the images, with a file in IMAGEFILES, of another size than their .SUM states."""
     found = dict[str, str]()
     for image in images:
         length = workspace.exposure_path(image.name).stat().st_size
@@ -45,7 +58,7 @@ def no_usable_image(
     ----------
     workspace : Workspace
     wrong : mapping of str to str
-        As :func:`wrong_sizes` has them.
+        As :func:`with_right_sizes` has them.
     outline : Outline
         What images should show.
     """

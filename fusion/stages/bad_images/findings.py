@@ -1,54 +1,82 @@
-"""Images that no maplet could use because something is wrong with them, and what to do."""
+"""Images that no ground could use because something is wrong with them, and what to do."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fusion.stages.lithos.fits import Summary, fits_by_image
-from fusion.stages.lithos.outlines import Outline, pixels_at
-from fusion.stages.lithos.sources import LithosSources
+from fusion.stages.bad_images.outlines import Outline, pixels_at
+from fusion.stages.register import ImageScene
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.grids import MapletGrid
 from spcola.imagematching.frames.mistakes import Mistake, ViewProblem
-from spcola.photometry.photoclinometry import Fit
+from spcola.photometry.photoclinometry import Fit, ImageFit
 
 # Share of the pixels of a frame below which those between the thresholds are hot pixels or noise.
 _FEW = 1e-4
-# Share of the pixels on the maplets of an image from which on they are saturated.
+# Share of the pixels on the ground of an image from which on they are saturated.
 _SATURATED = 0.9
-# Points along the side of a maplet that are looked up in an image.
+# Points along the side of ground that are looked up in an image.
 _LATTICE = 9
 
 _ANEW = "make their states anew: spcola sumfiles"
 
 
-def image_findings(
-    sources: LithosSources, found: Mapping[str, Summary]
-) -> Iterator[dict[str, Any]]:
-    """Yield what is wrong with images that no maplet could use: `code`, `names`, `do`.
+@dataclass(frozen=True, eq=False)
+class ImageUse:
+    """Ground that was solved, and the images from which it was.
+
+    Parameters
+    ----------
+    scene : ImageScene
+        Images that could be used.
+    whole : sequence of MapletGrid
+        All ground of the workspace that images may show.
+    solved : mapping of str to MapletGrid
+        Ground that was solved, by name.
+    fits : mapping of str to sequence of ImageFit
+        How each image that was chosen for it fits each of it.
+    wrong_size : mapping of str to str
+        Images that were left out, as their files do not have the size of their .SUM; both in words.
+    secondary : sequence of str
+        Images that count in the shade, and need to show nothing in the light of the Sun.
+    ground : str
+        What people call it, in the plural.
+    """
+
+    scene: ImageScene
+    whole: Sequence[MapletGrid]
+    solved: Mapping[str, MapletGrid]
+    fits: Mapping[str, Sequence[ImageFit]]
+    wrong_size: Mapping[str, str]
+    secondary: Sequence[str] = ()
+    ground: str = "maplets"
+
+
+def image_findings(use: ImageUse) -> Iterator[dict[str, Any]]:
+    """Yield what is wrong with images that no ground could use: `code`, `names`, `do`.
 
     Images that show other ground of the body are right, and are not named.
 
     Parameters
     ----------
-    sources : LithosSources
-    found : mapping of str to Summary
-        By the names of the maplets that were solved.
+    use : ImageUse
     """
-    yield from _size_findings(sources.wrong_size)
-    used = {image.name for name in found for image in sources.showing(name)}
-    used |= {*sources.options.secondary, *sources.wrong_size}
-    yield from _state_findings(sources, [sources.grids[name] for name in found], used)
-    yield from _pixel_findings(sources, found)
+    yield from _size_findings(use.wrong_size)
+    yield from _state_findings(use)
+    yield from _pixel_findings(use)
 
 
 def state_findings(
-    outline: Outline, images: Iterable[SpcImage], looks_reversed: Sequence[str] = ()
+    outline: Outline,
+    images: Iterable[SpcImage],
+    looks_reversed: Sequence[str] = (),
+    ground: str = "maplets",
 ) -> Iterator[dict[str, Any]]:
     """Yield images whose states let them show no ground, or none in the light of the Sun.
 
@@ -58,6 +86,8 @@ def state_findings(
     images : iterable of SpcImage
     looks_reversed : sequence of str
         Names of those whose pixels show that the Sun is on the other side.
+    ground : str
+        What people call it, in the plural.
     """
     named = defaultdict[tuple[ViewProblem, tuple[Mistake, ...]], list[str]](list)
     for image in images:
@@ -68,7 +98,7 @@ def state_findings(
         yield {
             "code": str(Fit.SUN_REVERSED),
             "names": list(looks_reversed),
-            "do": "by their states no maplet has usable light, but they are bright where light "
+            "do": f"by their states no {ground} have usable light, but they are bright where light "
             f"from the other side would fall: {Mistake.SUN_REVERSED.text}; {_ANEW}",
         }
     for (problem, likely), names in named.items():
@@ -96,45 +126,45 @@ def _size_findings(wrong: Mapping[str, str]) -> Iterator[dict[str, Any]]:
         }
 
 
-def _state_findings(
-    sources: LithosSources, asked: Sequence[MapletGrid], used: set[str]
-) -> Iterator[dict[str, Any]]:
-    """Yield findings of the states of images that none of the asked maplets uses."""
-    workspace, choice = sources.workspace, sources.images.choice
+def _state_findings(use: ImageUse) -> Iterator[dict[str, Any]]:
+    """Yield findings of the states of images that none of the solved ground uses."""
+    scene = use.scene
     # Those whose states let the scene leave them out, too.
-    known = {image.name: image for image in sources.images.images}
+    known = {image.name: image for image in scene.images}
+    used = {fit.name for fits in use.fits.values() for fit in fits}
+    used |= {*use.secondary, *use.wrong_size}
     unused = [
-        known[name] if name in known else workspace.image(name)
-        for name in workspace.image_names()
-        if name not in used and workspace.exposure_path(name).is_file()
+        known[name] if name in known else scene.workspace.image(name)
+        for name in scene.workspace.image_names()
+        if name not in used and scene.workspace.exposure_path(name).is_file()
     ]
     if not unused:
         return
-    outline = Outline.of(sources.images.beyond, sources.grids.values())
-    maplets = Outline.of(None, asked)
-    # Only images that might show maplets in the light of another Sun are read.
+    outline = Outline.of(scene.beyond, use.whole)
+    solved = Outline.of(None, use.solved.values())
+    # Only images that might show the ground in the light of another Sun are read.
     looks_reversed = [
         image.name
         for image in unused
         if image.name in known
-        and maplets.mostly_dark(image, choice)
-        and outline.lit_from_the_other_side(sources.images.exposed(image), choice)
+        and solved.mostly_dark(image, scene.choice)
+        and outline.lit_from_the_other_side(scene.exposed(image), scene.choice)
     ]
-    yield from state_findings(outline, unused, looks_reversed)
+    yield from state_findings(outline, unused, looks_reversed, use.ground)
 
 
-def _pixel_findings(
-    sources: LithosSources, found: Mapping[str, Summary]
-) -> Iterator[dict[str, Any]]:
-    """Yield images that were not seen on any of their maplets, and cannot be: dark, saturated."""
-    known = {image.name: image for image in sources.images.images}
+def _pixel_findings(use: ImageUse) -> Iterator[dict[str, Any]]:
+    """Yield images that were not seen on any of their ground, and cannot be: dark, saturated."""
+    known = {image.name: image for image in use.scene.images}
+    shown = defaultdict[str, list[str]](list)
+    for one, fits in use.fits.items():
+        for fit in fits:
+            shown[fit.name].append(one)
+    seen = {fit.name for fits in use.fits.values() for fit in fits if fit.fit is not Fit.NOT_SEEN}
     named: dict[str, list[str]] = {"dark": [], "saturated": []}
-    for name, fits in sorted(fits_by_image(found.values()).items()):
-        if name not in known or any(fit.fit is not Fit.NOT_SEEN for fit in fits):
-            continue
-        maplets = [one for one, each in found.items() if name in each.content["images"]]
-        image = sources.images.exposed(known[name])
-        if kind := unusable(image, [sources.grids[one] for one in maplets]):
+    for name in sorted(known.keys() & shown.keys() - seen):
+        image = use.scene.exposed(known[name])
+        if kind := unusable(image, [use.solved[one] for one in shown[name]]):
             named[kind].append(name)
     words = {
         "dark": "all their pixels are as dark as shadow, by the first of THRSH in their .SUM",
@@ -154,14 +184,14 @@ def unusable(image: SpcImage, grids: Iterable[MapletGrid]) -> str:
     image : SpcImage
         With pixels.
     grids : iterable of MapletGrid
-        Of the maplets that it shows.
+        Of the ground that it shows.
     """
     assert image.pixels is not None
     low, high = image.thresholds
     usable = (image.pixels > low) & (image.pixels < high)
     if float(np.mean(usable)) <= _FEW:
         return "saturated" if np.mean(image.pixels >= high) > 0.5 else "dark"
-    # Dark ground on a maplet may be in shadow, but shadows are never saturated.
+    # Dark ground may be in shadow, but shadows are never saturated.
     values = np.concatenate([_values_on(image, grid) for grid in grids])
     return "saturated" if values.size and np.mean(values >= high) >= _SATURATED else ""
 

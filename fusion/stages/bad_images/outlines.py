@@ -1,4 +1,4 @@
-"""The body, coarsely: what images of which no maplet could use the ground should show."""
+"""The body, coarsely: what images that no ground could use should show."""
 
 from __future__ import annotations
 
