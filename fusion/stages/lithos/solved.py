@@ -23,7 +23,7 @@ from spcola.formats.maplets import write_maplet
 from spcola.formats.slope_directions import SlopeDirections, write_slope_directions
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 32
+_VERSION = 33
 
 
 def lithos_solution(
