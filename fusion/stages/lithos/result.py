@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -54,7 +54,8 @@ PHOTOCLINOMETRY_KEYS = {
     "maplets[].left_over": "relative residual of the largest area that most images leave over, 0.2 "
     "and more over 25 points: ground of another albedo, or steep ground; null if there is none",
     "maplets[].light_ratio": "residual of brightness with all Suns on the other side, over "
-    "that with them as stated, on the coarsest GSD; median below 0.97: doubtful light",
+    "that with them as stated, on the coarsest GSD; median below 0.97, below 0.9 of one or two: "
+    "light-doubtful",
     "maplets[].shift_ratio": "median over images of their shifts, in sigmas of their states; over "
     "2: images-displaced",
     "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
@@ -65,10 +66,14 @@ PHOTOCLINOMETRY_KEYS = {
     "(relative), correlation, pixels, and metres a pixel, of each image",
     "images": "over all maplets: number used, median residual, noise_ratio and correlation, root "
     "mean square of the shifts (px, m), maplets by fit",
+    "photometry_ratios": "by photometric function, residual of brightness with it over that with "
+    "the one in use, median over up to nine maplets on grids of 24 cells a side; below 0.95 and in "
+    "most of them below 1: photometry-doubtful; null with fewer than three such maplets",
     "findings": "images that cannot be used, and outliers: code, names, what to do",
 }
-# Ratio of residuals with all Suns on the other side, and as stated, below which light is doubtful.
-_DOUBTFUL_LIGHT = 0.97
+# Ratio of residuals with all Suns on the other side, and as stated, below which light is doubtful:
+# of several maplets, and of fewer.
+_DOUBTFUL_LIGHT, _DOUBTFUL_LIGHT_OF_FEW, _SEVERAL = 0.97, 0.9, 3
 # Shifts of images, in sigmas of their states, from which on they, or constraining heights, are
 # displaced.
 _DISPLACED = 1.75
@@ -129,7 +134,7 @@ def content_of(
     found: Mapping[str, Summary],
     options: Mapping[str, Any],
     given: Sequence[str],
-    bad_images: Sequence[Mapping[str, Any]] = (),
+    bad_images: Iterable[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Return the content of ``photoclinometry.json``.
 
@@ -141,7 +146,7 @@ def content_of(
         In JSON types.
     given : sequence of str
         Names of the constraints that do not come from other maplets or the shape.
-    bad_images : sequence of mapping
+    bad_images : iterable of mapping
         Findings of images that no maplet could use; the first, as others may follow from them.
     """
     by_image = fits_by_image(found.values())
@@ -284,11 +289,12 @@ def _displaced_finding(maplets: Mapping[str, Mapping[str, Any]]) -> list[dict[st
 def _light_finding(found: Mapping[str, Summary]) -> list[dict[str, Any]]:
     """Return a finding if most maplets fit better with all Suns on the other side.
 
-    One maplet hardly decides it: with the right Suns its ratio may be as low as 0.99.
+    One or two maplets hardly decide it: with the right Suns their ratio may be as low as 0.95.
     """
     ratios = {name: one.content["light_ratio"] for name, one in found.items()}
     known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
-    if not known or float(np.median(list(known.values()))) >= _DOUBTFUL_LIGHT:
+    limit = _DOUBTFUL_LIGHT if len(known) >= _SEVERAL else _DOUBTFUL_LIGHT_OF_FEW
+    if not known or float(np.median(list(known.values()))) >= limit:
         return []
     names = [name for name, ratio in known.items() if ratio < 1.0]
     do = (

@@ -14,6 +14,7 @@ from fusion.runtime.remaining import Timed
 from fusion.stages.bad_images import image_findings
 from fusion.stages.lithos.fits import Summary
 from fusion.stages.lithos.options import LithosOptions
+from fusion.stages.lithos.other_functions import OtherFunctions
 from fusion.stages.lithos.result import LithosResult, content_of, summary_of
 from fusion.stages.lithos.sources import LithosSources
 from fusion.workspace import Workspace
@@ -78,8 +79,10 @@ def lithos_solution(
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
         use = sources.use({name: one.images for name, one in found.items()})
-        bad = list(image_findings(use))
-        content = content_of(found, facts["lithos"], sources.heights.names, bad)
+        others = OtherFunctions.compared(sources, names, executor, progress)
+        content = content_of(found, facts["lithos"], sources.heights.names, image_findings(use))
+        content |= {"photometry_ratios": others.as_json()}
+        content["findings"] += others.findings()
         atomic.write_text(folder / file, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:

@@ -176,7 +176,7 @@ class LithosSources:
         ----------
         name : str
         """
-        start = self._start(name)
+        start = self.start(name)
         digests = {image.name: self.digests.of(image) for image in self.showing(name)}
         states = {image: self.images.states[image] for image in digests}
         for image in self._shaded(start.grid):
@@ -193,6 +193,22 @@ class LithosSources:
             self.options.photoclinometry.for_images(digests),
         )
         return found
+
+    def start(self, name: str) -> Maplet:
+        """Return heights and albedo of the first round of a maplet.
+
+        Parameters
+        ----------
+        name : str
+        """
+        maplet = self.workspace.maplet(name)
+        if self.options.start == "maplet":
+            return maplet
+        assert self.images.beyond is not None
+        grid = maplet.grid
+        height = shape_heights(self.images.beyond, grid, reach=grid.radius)
+        unknown = np.full(height.shape, np.nan)
+        return replace(maplet, height=height, albedo=np.ones(height.shape), sigma=unknown)
 
     def from_images(
         self,
@@ -270,13 +286,3 @@ class LithosSources:
             and np.linalg.norm(grid.center - own.center) < grid.radius + _AROUND * own.radius
         )
         return tuple(maplet for maplet in near if maplet.valid.any())
-
-    def _start(self, name: str) -> Maplet:
-        maplet = self.workspace.maplet(name)
-        if self.options.start == "maplet":
-            return maplet
-        assert self.images.beyond is not None
-        grid = maplet.grid
-        height = shape_heights(self.images.beyond, grid, reach=grid.radius)
-        unknown = np.full(height.shape, np.nan)
-        return replace(maplet, height=height, albedo=np.ones(height.shape), sigma=unknown)
