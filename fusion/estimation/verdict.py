@@ -140,6 +140,10 @@ class Code(CodedText):
         "spc-errors-assumed",
         "the lidar has too few heights to determine the errors of SPC, which are assumed",
     )
+    LIDAR_COUNTED_TWICE = (
+        "lidar-counted-twice",
+        "the maplets contain the lidar already, with which they are compared or fused",
+    )
     REJECTED_MAPLET = "rejected-maplet", "the registration did not use a maplet that is used here"
 
 

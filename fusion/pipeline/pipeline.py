@@ -18,6 +18,7 @@ from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
 from fusion.pipeline.items import ItemStore, item_folder
 from fusion.pipeline.opened import opened
+from fusion.pipeline.solutions.lidar_content import LidarContent
 from fusion.pipeline.stage import Stage, StageContext
 from fusion.pipeline.stage_key import StageKey, current_record, keep_result, repeats, stage_key
 from fusion.pipeline.stage_run import StageRun
@@ -135,6 +136,8 @@ class Pipeline:
 
         Only if there is something to do for all must no other program work in the workspace.
         """
+        if found := self._lidar_twice(stage):
+            return StageRun(stage.name, "cannot run", reason=found)
         if not self._is_of_all(stage):
             return self._update(stage, catalog, force)
         shared, record = self._of_all(), catalog.record(stage.name)
@@ -151,7 +154,8 @@ class Pipeline:
             with closing(Catalog(shared.workspace, read_only=True)) as of_all:
                 return shared._standing(stage, of_all)
         try:
-            missing = stage.missing(self.workspace, self.settings)
+            missing = self._lidar_twice(stage)
+            missing = missing or stage.missing(self.workspace, self.settings)
             missing = missing or self._obstacle(stage, catalog)
             if missing:
                 return Standing(stage.name, barred=missing)
@@ -200,6 +204,7 @@ class Pipeline:
             result = replace(result, summary={**result.summary, "subset": self.subset.as_json()})
         findings = [changed.finding(Severity.NOTE) for changed in against]
         findings += [one.left_out() for one in bad]
+        findings += [] if (twice := self._lidar_content(stage)) is None else [twice.finding]
         if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
             findings += rejected_maplets(self.workspace)
         result = replace(result, summary=_with_findings(result.summary, findings))
@@ -257,6 +262,17 @@ class Pipeline:
             return ()
         return unsound(replace(self.workspace, left_out=frozenset()), catalog)
 
+    def _lidar_content(self, stage: Stage) -> LidarContent | None:
+        """Return how the lidar came into the maplets with which a stage compares or fuses it."""
+        compared = stage.compares_lidar(self.settings)
+        return LidarContent.of(self.workspace) if compared else None
+
+    def _lidar_twice(self, stage: Stage) -> str:
+        """Return why the lidar may not count again with the maplets of `stage`; empty if it may."""
+        content = self._lidar_content(stage)
+        accepted = self.settings.accept.codes
+        return "" if content is None else content.obstacle(self.workspace, accepted)
+
     def _without_inputs(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
         """Return the outcome of a stage without its inputs.
 
@@ -294,6 +310,9 @@ class Pipeline:
             found = verdict.obstacle(self.settings.accept.codes)
             if found:
                 return f"the result of {needed.name} is {found}"
+            # A result of an earlier program may lack the finding.
+            if record is not None and (twice := self._lidar_twice(needed)):
+                return f"there is a result of {needed.name}, but {twice}"
             if further := self._obstacle(needed, catalog):
                 return further
         return ""

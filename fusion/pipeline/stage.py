@@ -170,6 +170,11 @@ class Stage(ABC):
     places: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = ()
 
+    def compares_lidar(self, settings: Settings) -> bool:
+        """Return whether it takes the lidar and the maplets as independent of each other."""
+        del settings
+        return False
+
     @abstractmethod
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why the stage cannot run (one clause with what to do), or ``""``."""

@@ -34,6 +34,10 @@ class FuseStage(Stage):
     places = ("fused",)
     tables = (FuseSettings, BodySettings)
 
+    def compares_lidar(self, settings: Settings) -> bool:
+        """Return True: heights of maplets and of the lidar count once each."""
+        return True
+
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be fused; empty if it can."""
         if not workspace.registration_path.is_file():

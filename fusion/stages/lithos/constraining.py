@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.estimation.verdict import Verdict
 from fusion.fusing import gives_means
+from fusion.pipeline.solutions.lidar_content import LidarContent
 from fusion.scene import Scene, maplets_around
 from fusion.scene.geolocation import return_paths
 from fusion.stages.lithos.limbs import Limbs
@@ -80,8 +81,8 @@ class ConstrainingHeights:
         WorkspaceError
             If the shape is asked for and there is none, or the lidar and it is not registered.
         RejectedResultError
-            If the lidar is asked for, and its registration may not be used, or its mapolas are too
-            coarse for the maplets.
+            If the lidar is asked for, and the maplets that go into the result contain it already,
+            its registration may not be used, or its mapolas are too coarse for the maplets.
         FormatError
             If a map cannot be read, or states no sigma.
         """
@@ -90,6 +91,7 @@ class ConstrainingHeights:
             raise no_shape(workspace)
         lidar, returns = ConstraintKind.LIDAR in asked, ConstraintKind.RETURNS in asked
         if lidar or returns:
+            check_lidar_once(workspace, options)
             check_registration(workspace, options.accepted)
         return cls(
             workspace,
@@ -181,6 +183,19 @@ def no_shape(workspace: Workspace) -> WorkspaceError:
     return WorkspaceError(
         "has no shape", workspace.root, "leave it out: --start maplet --constraint overlaps"
     )
+
+
+def check_lidar_once(workspace: Workspace, options: LithosOptions) -> None:
+    """Refuse lidar heights with maplets that contain them already, unless that is accepted.
+
+    Raises
+    ------
+    RejectedResultError
+        If maplets of the solution are start or constraints, and contain the lidar.
+    """
+    content = LidarContent.of(workspace) if options.uses_lidar_with_maplets else None
+    if content is not None and (obstacle := content.obstacle(workspace, options.accepted)):
+        raise RejectedResultError(obstacle, workspace.home)
 
 
 def check_registration(workspace: Workspace, accepted: tuple[str, ...]) -> None:

@@ -6,6 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from fusion.estimation.verdict import Code
+from fusion.pipeline.solutions.lidar_content import LidarContent
 from spcola.photometry.photoclinometry import Outcome
 
 # Robust sigmas from the surface beyond which heights contradict it; share of them left out as false
@@ -61,6 +63,20 @@ def constraint_findings(
             "do": "no maplet has heights of them: check their frame, units and place, and whether "
             "the maplets that were asked for lie there",
         }
+
+
+def counted_twice(content: LidarContent, names: Iterable[str]) -> dict[str, Any]:
+    """Return a finding: maplets were solved with the lidar, and with maplets that contain it.
+
+    Parameters
+    ----------
+    content : LidarContent
+        Of the maplets of the parent.
+    names : iterable of str
+        Of the maplets that were solved.
+    """
+    do = f"{content.text}: sigmas are too small; start from the solution {content.without}"
+    return {"code": str(Code.LIDAR_COUNTED_TWICE), "names": list(names), "do": do}
 
 
 def _what_to_do(kind: str) -> str:

@@ -176,6 +176,14 @@ class LithosOptions:
                 "choose one of them",
             )
 
+    @property
+    def uses_lidar_with_maplets(self) -> bool:
+        """Whether both the lidar and maplets of the parent go into the solved ones."""
+        asked = set(self.constraints)
+        maplets = {ConstraintKind.OVERLAPS, ConstraintKind.COARSER} & asked
+        lidar = {ConstraintKind.LIDAR, ConstraintKind.RETURNS} & asked
+        return bool(lidar) and (self.start == "maplet" or bool(maplets))
+
     def as_json(self) -> dict[str, Any]:
         """Return them in JSON types."""
         own = self.photoclinometry

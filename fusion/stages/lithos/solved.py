@@ -9,9 +9,11 @@ from typing import Any
 
 from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
+from fusion.pipeline.solutions.lidar_content import LidarContent
 from fusion.runtime import Executor, Progress, json_text
 from fusion.runtime.remaining import Timed
 from fusion.stages.bad_images import image_findings
+from fusion.stages.lithos.constraint_findings import counted_twice
 from fusion.stages.lithos.fits import Summary
 from fusion.stages.lithos.options import LithosOptions
 from fusion.stages.lithos.other_functions import OtherFunctions
@@ -83,6 +85,8 @@ def lithos_solution(
         content = content_of(found, facts["lithos"], sources.heights.names, image_findings(use))
         content |= {"photometry_ratios": others.as_json()}
         content["findings"] += others.findings()
+        if options.uses_lidar_with_maplets and (twice := LidarContent.of(workspace)):
+            content["findings"].append(counted_twice(twice, found))
         atomic.write_text(folder / file, json_text(content))
         facts |= {key: content[key] for key in ("outcomes", "residual_start", "residual")}
     if not options.subset:

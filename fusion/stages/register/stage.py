@@ -60,6 +60,10 @@ class RegisterStage(Stage):
     places = ("registration.json",)
     tables = (RegisterSettings, BodySettings, MapolaSettings, SpinSettings, SpiceSettings)
 
+    def compares_lidar(self, settings: Settings) -> bool:
+        """Return whether mapolas are matched with maplets."""
+        return settings.registration.against != "shape"
+
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be registered; empty if it can."""
         if not workspace.mapola_names():

@@ -29,6 +29,10 @@ class ScaleStage(Stage):
     places = ("scale.json", "pairs")
     tables = (ScaleSettings, BodySettings, SpinSettings, SpiceSettings)
 
+    def compares_lidar(self, settings: Settings) -> bool:
+        """Return whether lidar ranges are compared with maplets."""
+        return settings.scale.method == "pairs"
+
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why no scale can be estimated; empty if it can."""
         if not workspace.scan_names():

@@ -33,6 +33,9 @@ class Copy:
     places: tuple[str, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
 
+    def compares_lidar(self, settings: Settings) -> bool:
+        return False
+
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         return "" if self.inputs(workspace, settings) else f"nothing in {self.source}"
 
