@@ -152,7 +152,8 @@ def bigmap(
 ) -> None:
     """Make bigmaps of fused maplets, of SPC maplets and of returns.
 
-    One bigmap of each at every site of [bigmap] sites in spcola.toml; by default the two poles.
+    One bigmap of each at every site of [bigmap] sites in spcola.toml; by default the two poles. In
+    a solution without fused maplets those that were solved from images take their place.
     """
     _run(workspace, options, "bigmap")
 
@@ -213,7 +214,8 @@ def release(
 ) -> None:
     """Write products, manifest and report.
 
-    Every product is written to release/ in every chosen format, with its provenance. report.html
+    Every fused maplet and bigmap is written to release/ in every chosen format, with its
+    provenance; in a solution without fused maplets those that were solved from images. report.html
     shows the results.
     """
     _run(workspace, options, "release", "report")

@@ -41,7 +41,7 @@ def product_stem(
     return f"l_{round(grid.gsd * 1e3):05d}mm_{SOURCES[source]}_{product}_{place}_v{version:03d}"
 
 
-def product_stems(grids: Sequence[MapletGrid], *, version: int) -> list[str]:
+def product_stems(grids: Sequence[MapletGrid], *, version: int, source: str = "SPO") -> list[str]:
     """Return names of several products, no two of them equal.
 
     If centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in the
@@ -51,12 +51,14 @@ def product_stems(grids: Sequence[MapletGrid], *, version: int) -> list[str]:
     ----------
     grids : sequence of MapletGrid
     version : int
+    source : str
+        DATASRC of all.
     """
     seen: dict[str, int] = {}
     stems = []
     for grid in grids:
-        first = product_stem(grid, version=version)
+        first = product_stem(grid, version=version, source=source)
         seen[first] = seen.get(first, 0) + 1
         again = "dtm" if seen[first] == 1 else f"dtm{seen[first]}"
-        stems.append(product_stem(grid, version=version, product=again))
+        stems.append(product_stem(grid, version=version, source=source, product=again))
     return stems

@@ -1,4 +1,4 @@
-"""Bigmap: fused maplets, SPC maplets and lidar returns over larger squares, each in one frame."""
+"""Bigmap: fused or solved maplets, all maplets, and returns over larger squares, in one frame."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from fusion.registration.results import transform_of
 from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
 from fusion.scene.geolocation import located_store, return_paths
+from fusion.stages.made_maplets import MadeMaplets
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
@@ -24,15 +25,15 @@ from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError
 from spcola.formats.maplets import write_maplet
 from spcola.grids import Maplet, MapletGrid, overlaps
-from spcola.math import Affine
 from spcola.shape import RayCaster, shape_heights
 
 
 class BigmapStage(Stage):
     """Fused maplets, maplets, scans → bigmaps of each site in one frame.
 
-    ``bigmaps/SITE.MAP`` is made of the fused maplets, ``bigmaps/maplets/SITE.MAP`` of the SPC
-    maplets, ``bigmaps/returns/SITE.MAP`` of the registered returns; each has a sigma companion.
+    ``bigmaps/SITE.MAP`` is made of the fused maplets, or without any of those that were solved from
+    images, ``bigmaps/maplets/SITE.MAP`` of all maplets of the solution, and
+    ``bigmaps/returns/SITE.MAP`` of the returns if they are registered; each has a sigma companion.
     """
 
     name = "bigmap"
@@ -43,24 +44,21 @@ class BigmapStage(Stage):
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why no bigmap can be made; empty if it can."""
-        if not workspace.fused_names():
-            return f"there are no fused maplets; run: spcola fuse {workspace.root}"
+        if missing := MadeMaplets.of(workspace).missing:
+            return missing
         if not workspace.has_shape():
             return "there is no shape in SHAPEFILES to place a bigmap on"
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return fused maplets, maplets, returns, registration and shape."""
-        return [
-            *workspace.fused_paths(),
-            *workspace.maplet_files(),
-            *return_paths(workspace, settings),
-            workspace.registration_path,
-            workspace.shape_path(),
-        ]
+        """Return fused or solved maplets, maplets, shape, and registered returns."""
+        registered = workspace.registration_path
+        returns = [*return_paths(workspace, settings), registered] if registered.is_file() else []
+        paths = [*MadeMaplets.of(workspace).paths, *workspace.maplet_files(), *returns]
+        return [*dict.fromkeys(paths), workspace.shape_path()]
 
     def run(self, context: StageContext) -> StageResult:
-        """Make the three bigmaps of every site.
+        """Make the two or three bigmaps of every site.
 
         Raises
         ------
@@ -74,13 +72,8 @@ class BigmapStage(Stage):
             raise WorkspaceError("two sites have the same name", where, "rename one")
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
-        store = located_store(
-            workspace,
-            context.table(MapolaSettings),
-            context.table(SpinSettings),
-            context.table(SpiceSettings),
-        )
-        builder = _Builder(workspace, store, table, RayCaster(shape), radius)
+        registered = _registered(context) if workspace.registration_path.is_file() else None
+        builder = _Builder(workspace, registered, table, RayCaster(shape), radius)
         for folder in ("bigmaps", "bigmaps/maplets", "bigmaps/returns"):
             make_folder(workspace.home / folder)
         sites = {site.name: site for site in table.sites}
@@ -90,10 +83,23 @@ class BigmapStage(Stage):
         return StageResult(
             tuple(path for paths, _ in made for path in paths),
             {"bigmaps": len(made), "sites": [summary for _, summary in made]},
+            () if registered is not None or not made else (_NOT_REGISTERED,),
         )
 
 
 STAGE = BigmapStage()
+
+_NOT_REGISTERED = "the lidar is not registered: there are no bigmaps of returns"
+
+
+def _registered(context: StageContext) -> ScanStore:
+    """Return the geolocated returns."""
+    return located_store(
+        context.workspace,
+        context.table(MapolaSettings),
+        context.table(SpinSettings),
+        context.table(SpiceSettings),
+    )
 
 
 class _Builder:
@@ -102,38 +108,39 @@ class _Builder:
     def __init__(
         self,
         workspace: Workspace,
-        store: ScanStore,
+        store: ScanStore | None,
         table: BigmapSettings,
         caster: RayCaster,
         radius: float,
     ) -> None:
         self._workspace, self._table = workspace, table
         self._caster, self._radius = caster, radius
-        registration = workspace.read_json(workspace.registration_path.name)
-        self._transform: Affine = transform_of(registration, str(workspace.registration_path))
         self._store = store
         self._maplets = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
-        self._fused = {name: workspace.fused(name).grid for name in workspace.fused_names()}
+        self._made = MadeMaplets.of(workspace)
+        self._grids = self._made.grids()
 
     def write_site(self, site: BigmapSite) -> tuple[list[Path], dict[str, Any]]:
         """Make and write the bigmaps of `site`; return the files and a summary."""
         grid = self.grid(site)
         spc = (self._workspace.maplet(name) for name in _over(grid, self._maplets))
-        fused = (self._workspace.fused(name) for name in _over(grid, self._fused))
+        made = (self._made.read(name) for name in _over(grid, self._grids))
         root = self._workspace.home / "bigmaps"
         bigmaps = {
-            root / f"{site.name}.MAP": self._joined(site.name, grid, fused),
-            root / "maplets" / f"{site.name}.MAP": self._joined(site.name, grid, spc),
-            root / "returns" / f"{site.name}.MAP": self._gridded(site.name, grid),
+            self._made.kind: (root, self._joined(site.name, grid, made)),
+            "maplets": (root / "maplets", self._joined(site.name, grid, spc)),
         }
-        files = []
-        for path, bigmap in bigmaps.items():
+        if self._store is not None:
+            gridded = self._gridded(site.name, grid, self._store)
+            bigmaps["returns"] = (root / "returns", gridded)
+        files = list[Path]()
+        summary = {"name": site.name, "gsd_m": grid.gsd, "size": grid.size}
+        for kind, (folder, bigmap) in bigmaps.items():
+            path = folder / f"{site.name}.MAP"
             write_maplet(path, bigmap, sigma_companion=True)
             files += [path, path.with_suffix(".SIG")]
-        shares = [float(np.mean(bigmap.valid)) for bigmap in bigmaps.values()]
-        keys = ("coverage_fused", "coverage_maplets", "coverage_returns")
-        summary = {"name": site.name, "gsd_m": grid.gsd, "size": grid.size}
-        return files, {**summary, **dict(zip(keys, shares, strict=True))}
+            summary[f"coverage_{kind}"] = float(np.mean(bigmap.valid))
+        return files, summary
 
     def grid(self, site: BigmapSite) -> MapletGrid:
         """Return the site's grid, centred where its latitude and longitude meet the shape."""
@@ -150,7 +157,7 @@ class _Builder:
             raise WorkspaceError(
                 "no ray towards the centre meets the shape there", f"[bigmap] site {site.name}"
             )
-        gsd = site.gsd_m or float(np.median([grid.gsd for grid in self._fused.values()]))
+        gsd = site.gsd_m or float(np.median([grid.gsd for grid in self._grids.values()]))
         size = site.size_m or 0.5 * self._radius
         half_size = max(2, round(size / gsd / 2.0))
         check_grid(
@@ -175,12 +182,15 @@ class _Builder:
         )
         return make_bigmap(name, grid, maplets, options=options, reference=reference)
 
-    def _gridded(self, name: str, grid: MapletGrid) -> Maplet:
+    def _gridded(self, name: str, grid: MapletGrid, store: ScanStore) -> Maplet:
         """Return the bigmap of all registered returns over the grid."""
+        registration = self._workspace.registration_path
+        content = self._workspace.read_json(registration.name)
+        transform = transform_of(content, str(registration))
         options = LidarBigmapOptions(max_gap=self._table.max_gap)
-        there = options.gridding.box(grid).mapped(self._transform.inverse().apply)
-        inside = self._store.returns_inside(there)
-        points = self._transform.apply(inside.points)
+        there = options.gridding.box(grid).mapped(transform.inverse().apply)
+        inside = store.returns_inside(there)
+        points = transform.apply(inside.points)
         registered = Returns(points, inside.sigma, inside.scan, inside.scan_names)
         return bigmap_from_returns(name, grid, registered, options=options)
 

@@ -1,4 +1,4 @@
-"""Release: fused maplets and bigmaps as products, with a manifest of their provenance."""
+"""Release: fused or solved maplets and bigmaps as products, with a manifest of provenance."""
 
 from __future__ import annotations
 
@@ -8,14 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.fusing.maplets import (
-    FUSED_HDF5,
-    FusedMaplet,
-    fused_bigmap,
-    fused_names,
-    read_fused,
-    write_fused,
-)
+from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, write_fused
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.pipeline.catalog import FileDigests, read_records
 from fusion.products import (
@@ -30,6 +23,7 @@ from fusion.products import (
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
 from fusion.runtime.folders import make_folder
 from fusion.runtime.remaining import note_found
+from fusion.stages.made_maplets import MadeMaplets
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings
@@ -37,9 +31,9 @@ from fusion.workspace.settings.processing import ReleaseSettings
 from spcola import atomic
 from spcola.atomic import write_error
 from spcola.formats.maplets import read_maplet
-from spcola.grids import MapletGrid
+from spcola.grids import Maplet
 
-Writer = Callable[[Path, FusedMaplet, Provenance], None]
+Writer = Callable[[Path, Maplet, Provenance], None]
 
 SURFACE_WRITERS: Mapping[str, tuple[str, Writer]] = {
     "geotiff": (".tif", write_geotiff),
@@ -51,6 +45,8 @@ SURFACE_WRITERS: Mapping[str, tuple[str, Writer]] = {
 
 UPSTREAM = ("ingest", "mapolas", "register", "fuse", "bigmap")
 """Stages whose settings the products depend on."""
+
+_COMPANIONS = {"map": ".MAP", "sigma": ".SIG", "albedo_sigma": ".ASG", "slope_sigma": ".SSG"}
 
 
 @dataclass(frozen=True)
@@ -67,6 +63,8 @@ class Origins:
         Their settings and those of the release.
     digest : callable
         SHA-256 of a file; each file is read once.
+    maplets : MadeMaplets
+        Those that are released.
     """
 
     workspace: Workspace
@@ -74,6 +72,7 @@ class Origins:
     stages: tuple[Mapping[str, Any], ...]
     settings: Mapping[str, Any]
     digest: Callable[[Path], str]
+    maplets: MadeMaplets
 
     @classmethod
     def of(cls, context: StageContext) -> Origins:
@@ -86,14 +85,19 @@ class Origins:
         for kind in context.tables:
             settings[kind.__name__] = context.table(kind).model_dump(mode="json")
         body = context.table(BodySettings).name
-        return cls(context.workspace, body, tuple(stages), settings, FileDigests())
+        maplets = MadeMaplets.of(context.workspace)
+        return cls(context.workspace, body, tuple(stages), settings, FileDigests(), maplets)
 
     def made_from(self, name: str) -> dict[str, str]:
         """Return path → digest of the files of which the maplet `name` (empty: all) was made."""
         root = self.workspace.home
-        candidates = [root / "fused" / FUSED_HDF5, self.workspace.registration_path]
+        candidates = [self.workspace.photoclinometry_path]
+        if self.maplets.kind == "fused":
+            candidates = [root / "fused" / FUSED_HDF5, self.workspace.registration_path]
         if name:
-            candidates += [self.workspace.maplet_path(name), root / "mapolas" / f"{name}.MAP"]
+            candidates += [self.workspace.maplet_path(name)]
+            if self.maplets.kind == "fused":
+                candidates += [root / "mapolas" / f"{name}.MAP"]
             candidates += [root / "bigmaps" / f"{name}.MAP"]
         return self.digests([path for path in candidates if path.is_file()])
 
@@ -107,7 +111,7 @@ class Origins:
 
 
 class ReleaseStage(Stage):
-    """Fused maplets and bigmaps → release/ with its manifest."""
+    """Fused or solved maplets and bigmaps → release/ with its manifest."""
 
     name = "release"
     version = 1
@@ -117,14 +121,11 @@ class ReleaseStage(Stage):
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be released; empty if it can."""
-        if not (workspace.home / "fused" / FUSED_HDF5).is_file():
-            return f"there are no fused maplets; run: spcola fuse {workspace.root}"
-        return ""
+        return MadeMaplets.of(workspace).missing
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return fused maplets and bigmaps."""
-        fused = [workspace.fused_path(name) for name in workspace.fused_names()]
-        return [workspace.home / "fused" / FUSED_HDF5, *fused, *bigmap_paths(workspace)]
+        """Return fused or solved maplets and bigmaps."""
+        return [*MadeMaplets.of(workspace).paths, *bigmap_paths(workspace)]
 
     def run(self, context: StageContext) -> StageResult:
         """Build everything in the scratch folder, then move it to release/, the manifest last.
@@ -163,10 +164,12 @@ def bigmap_paths(workspace: Workspace) -> list[Path]:
 
 def build_products(context: StageContext, build: Path, origins: Origins) -> list[Product]:
     """Write every product into the folder `build`; return their entries."""
-    workspace, table = context.workspace, context.table(ReleaseSettings)
-    names = [*fused_names(workspace.home / "fused"), *_bigmap_names(workspace)]
-    grids = [_grid(workspace, name) for name in names]
-    stems = dict(zip(names, product_stems(grids, version=table.version), strict=True))
+    table, maplets = context.table(ReleaseSettings), origins.maplets
+    names = [*maplets.names, *_bigmap_names(maplets)]
+    grids = [load_made(maplets, name, plain=True).grid for name in names]
+    source = maplets.source
+    found = product_stems(grids, version=table.version, source=source)
+    stems = dict(zip(names, found, strict=True))
 
     def one(name: str) -> list[Product]:
         done = build / f".{stems[name]}.json"
@@ -174,10 +177,10 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
             note_found()
             return finished
         made_from = origins.made_from(name)
-        maplet, provenance = load_fused(workspace, name), origins.provenance(made_from)
+        maplet, provenance = load_made(maplets, name), origins.provenance(made_from)
         products = [
             describe_product(path, kind=kind, maplet=name, made_from=made_from)
-            for kind, path in _write(build / stems[name], maplet, provenance, table)
+            for kind, path in _write(build / stems[name], maplet, provenance, table, source)
         ]
         atomic.write_text(done, json.dumps([asdict(product) for product in products]))
         return products
@@ -186,7 +189,8 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
     chosen = context.chosen(dict.fromkeys(names), centers)
     products = [product for made in context.map("release", one, chosen) for product in made]
     if "map" in table.products:
-        products += _write_maps(workspace, build, names, origins)
+        write = _write_maps if maplets.kind == "fused" else _copy_maps
+        products += write(build, names, origins)
     return products
 
 
@@ -211,12 +215,11 @@ def _kept_products(context: StageContext, made: Collection[str]) -> list[Product
     return [product for product in products if product.file not in made]
 
 
-def _write_maps(
-    workspace: Workspace, build: Path, names: list[str], origins: Origins
-) -> list[Product]:
+def _write_maps(build: Path, names: list[str], origins: Origins) -> list[Product]:
     """Write the .MAP files, their sigmas and the HDF5 with the other layers."""
-    maplets = (load_fused(workspace, name) for name in names)
-    write_fused(build, maplets, sigma_companions=True)
+    maplets = (load_made(origins.maplets, name) for name in names)
+    fused = (maplet for maplet in maplets if isinstance(maplet, FusedMaplet))
+    write_fused(build, fused, sigma_companions=True)
     files = [("layers", FUSED_HDF5, "")]
     for name in names:
         files += [("map", f"{name}.MAP", name), ("sigma", f"{name}.SIG", name)]
@@ -226,20 +229,33 @@ def _write_maps(
     ]
 
 
-def load_fused(workspace: Workspace, name: str) -> FusedMaplet:
-    """Read a fused maplet, or a bigmap with the sources of its fused maplets."""
-    folder = workspace.home / "fused"
-    if workspace.fused_path(name).is_file():
-        return read_fused(folder, name)
-    around = (read_fused(folder, other) for other in fused_names(folder))
-    return fused_bigmap(read_maplet(workspace.home / "bigmaps" / f"{name}.MAP"), around)
+def _copy_maps(build: Path, names: list[str], origins: Origins) -> list[Product]:
+    """Copy the .MAP files of solved maplets and their bigmaps, with the sigmas that they have."""
+    products = []
+    for name in names:
+        for kind, suffix in _COMPANIONS.items():
+            path = _file_of(origins.maplets, name).with_suffix(suffix)
+            if path.is_file():
+                copied, made_from = build / path.name, origins.made_from(name)
+                atomic.write_bytes(copied, path.read_bytes())
+                products.append(
+                    describe_product(copied, kind=kind, maplet=name, made_from=made_from)
+                )
+    return products
 
 
-def _grid(workspace: Workspace, name: str) -> MapletGrid:
-    """Return the grid of a fused maplet or bigmap."""
-    if workspace.fused_path(name).is_file():
-        return read_fused(workspace.home / "fused", name).grid
-    return read_maplet(workspace.home / "bigmaps" / f"{name}.MAP").grid
+def _file_of(maplets: MadeMaplets, name: str) -> Path:
+    """Return the .MAP of a maplet, or of a bigmap."""
+    bigmap = maplets.workspace.home / "bigmaps" / f"{name}.MAP"
+    return maplets.path(name) if name in maplets.names else bigmap
+
+
+def load_made(maplets: MadeMaplets, name: str, *, plain: bool = False) -> Maplet:
+    """Read a maplet, or a bigmap; of fused maplets with their sources unless `plain`."""
+    if name in maplets.names:
+        return maplets.read(name)
+    path = _file_of(maplets, name)
+    return read_maplet(path) if plain else maplets.bigmap(path)
 
 
 def publish(build: Path, folder: Path, files: list[str], manifest: str) -> list[Path]:
@@ -261,12 +277,12 @@ def publish(build: Path, folder: Path, files: list[str], manifest: str) -> list[
 
 
 def _write(
-    stem: Path, maplet: FusedMaplet, provenance: Provenance, table: ReleaseSettings
+    stem: Path, maplet: Maplet, provenance: Provenance, table: ReleaseSettings, source: str
 ) -> Iterator[tuple[str, Path]]:
     """Write the chosen formats, each as one file; yield kind and path."""
     if "fits" in table.products:
         path = stem.with_name(f"{stem.name}.fits")
-        write_fits_dtm(path, maplet, provenance, version=table.version)
+        write_fits_dtm(path, maplet, provenance, source=source, version=table.version)
         yield "fits", path
     for kind, (suffix, write) in SURFACE_WRITERS.items():
         # A maplet without any height has no surface.
@@ -276,8 +292,7 @@ def _write(
             yield kind, path
 
 
-def _bigmap_names(workspace: Workspace) -> list[str]:
-    """Return the names of bigmaps without those of fused maplets."""
-    fused = set(workspace.fused_names())
-    names = [path.stem for path in bigmap_paths(workspace) if path.suffix == ".MAP"]
-    return [name for name in names if name not in fused]
+def _bigmap_names(maplets: MadeMaplets) -> list[str]:
+    """Return the names of bigmaps without those of maplets."""
+    names = [path.stem for path in bigmap_paths(maplets.workspace) if path.suffix == ".MAP"]
+    return [name for name in names if name not in maplets.names]

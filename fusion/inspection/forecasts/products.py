@@ -8,6 +8,7 @@ import time
 from fusion.inspection.forecasts.situation import Situation
 from fusion.inspection.forecasts.values import Basis, StageForecast
 from fusion.pipeline import Stage
+from fusion.stages.made_maplets import MadeMaplets
 from fusion.workspace.settings.processing import BigmapSite
 from spcola.bigmap import BigmapOptions
 
@@ -62,7 +63,7 @@ def release_forecast(situation: Situation, stage: Stage) -> StageForecast:
     table, own = situation.settings.release, float(situation.usual_mapola.size**2)
     sites = [_points(situation, site) / own for site in situation.settings.bigmap.sites]
     ready = stage.name in situation.ready
-    count = len(situation.workspace.fused_names()) if ready else len(situation.grids)
+    count = len(MadeMaplets.of(situation.workspace).names) if ready else len(situation.grids)
     each, size = situation.synthetic.products(list(table.products))
     maps = "map" in table.products
     size += (_MAP_BYTES + _LAYER_BYTES) * own if maps else 0.0

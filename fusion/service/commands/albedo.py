@@ -29,7 +29,7 @@ class AlbedoCommandOptions:
         typer.Option(
             "--of",
             help="What has the albedo: the maplets; registered mapolas, which become maplets; or "
-            "the fused bigmaps of the solution.",
+            "the bigmaps of the solution's fused or solved maplets.",
         ),
     ] = "maplets"
     only: OnlyMaplets = None

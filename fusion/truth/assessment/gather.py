@@ -51,8 +51,9 @@ def solution_models(workspace: Workspace) -> list[MapletModel | MeshModel]:
 def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "km") -> Model:
     """Return the model in a file or folder, recognised by content and suffix.
 
-    A folder with ``fused.h5`` (``fused/`` or a release), ``.MAP``, FITS or GeoTIFF of spcola,
-    OBJ or PLY of spcola (with a frame: a maplet), ICQ, any other OBJ or PLY (a mesh).
+    A folder with ``fused.h5`` (``fused/`` or a release) or with .MAP files, ``.MAP``, FITS or
+    GeoTIFF of spcola, OBJ or PLY of spcola (with a frame: a maplet), ICQ, any other OBJ or PLY (a
+    mesh).
 
     Parameters
     ----------
@@ -69,9 +70,10 @@ def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "
     """
     if path.is_dir():
         if not (path / FUSED_HDF5).is_file():
-            raise WorkspaceError(
-                f"holds no {FUSED_HDF5}", path, "name a release, a fused folder, or a file"
-            )
+            if maps := {one.stem: one for one in _maps(path)}:
+                return _maps_of(str(path), maps, frame)
+            what = f"holds neither {FUSED_HDF5} nor .MAP files"
+            raise WorkspaceError(what, path, "name a release, a fused folder, or a file")
         names = fused_names(path)
         return MapletModel(str(path), names, lambda name: read_fused(path, name), frame)
     surface = read_terrain(path, unit=unit)
@@ -110,5 +112,5 @@ def _maps(folder: Path) -> list[Path]:
     return sorted(folder.glob("[!.]*.MAP"))
 
 
-def _maps_of(title: str, paths: dict[str, Path]) -> Model:
-    return MapletModel(title, list(paths), lambda name: read_maplet(paths[name], name=name))
+def _maps_of(title: str, paths: dict[str, Path], frame: Frame = "spc") -> Model:
+    return MapletModel(title, list(paths), lambda name: read_maplet(paths[name], name=name), frame)
