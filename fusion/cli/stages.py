@@ -121,6 +121,7 @@ def fuse(
     result is a new solution; the one that is read stays as it is. [lithos] has the settings.
     Where mapolas have returns in few of their cells, or are coarser than the maplets, single
     returns are used in their place; "lidar" (mapolas) or "returns" in its constraints decides.
+    "limbs" and "maps" there add those.
     """
     check_source(source, name, force=options.force)
     if source == "images":

@@ -217,7 +217,10 @@ def solve_maplets(site: Site, given: LithosCommandOptions) -> Done:
 
 
 def fuse_images(site: Site, given: ImageFusionOptions) -> Done:
-    """Make a solution whose maplets come from their images, lidar, shape and overlaps at once."""
+    """Make a solution whose maplets come from their images, lidar, shape and overlaps at once.
+
+    Limbs and maps constrain it too where the settings ask for them.
+    """
     from fusion.pipeline import Subset
     from fusion.service.commands.stages import accepting
     from fusion.stages.lithos import ConstraintKind, LithosOptions, Purpose, lidar_kind
@@ -231,7 +234,7 @@ def fuse_images(site: Site, given: ImageFusionOptions) -> Done:
         ConstraintKind.COARSER,
         *(of_lidar or [lidar_kind(workspace)]),
         *([ConstraintKind.SHAPE] if workspace.has_shape() else []),
-        *([ConstraintKind.MAPS] if ConstraintKind.MAPS in asked else []),
+        *(kind for kind in (ConstraintKind.LIMBS, ConstraintKind.MAPS) if kind in asked),
     ]
     options = LithosOptions.of(
         settings,

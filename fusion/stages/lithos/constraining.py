@@ -14,7 +14,7 @@ from fusion.scene import Scene, maplets_around
 from fusion.scene.geolocation import return_paths
 from fusion.stages.lithos.limbs import Limbs
 from fusion.stages.lithos.maps import ExternalMap, read_maps
-from fusion.stages.lithos.options import ConstraintKind, LithosOptions
+from fusion.stages.lithos.options import ConstraintKind, LithosOptions, Purpose
 from fusion.stages.lithos.returns import RegisteredReturns
 from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
@@ -88,7 +88,7 @@ class ConstrainingHeights:
         """
         asked = set(options.constraints)
         if {ConstraintKind.SHAPE, ConstraintKind.LIMBS} & asked and images.beyond is None:
-            raise no_shape(workspace)
+            raise no_shape(workspace, options)
         lidar, returns = ConstraintKind.LIDAR in asked, ConstraintKind.RETURNS in asked
         if lidar or returns:
             check_lidar_once(workspace, options)
@@ -178,11 +178,12 @@ def _of_mapolas(scene: Scene, name: str, grid: MapletGrid) -> HeightConstraint:
     return replace(heights, shared_sigma=shared_sigma, blur=lidar.blur)
 
 
-def no_shape(workspace: Workspace) -> WorkspaceError:
-    """Return the error of a workspace that has no shape and should have one."""
-    return WorkspaceError(
-        "has no shape", workspace.root, "leave it out: --start maplet --constraint overlaps"
-    )
+def no_shape(workspace: Workspace, options: LithosOptions) -> WorkspaceError:
+    """Return the error of a workspace that has no shape, and should have one by the options."""
+    do = "leave it out: --start maplet --constraint overlaps"
+    if options.purpose is Purpose.SPCOLA:
+        do = "leave limbs and secondary_light out of [lithos]"
+    return WorkspaceError("has no shape", workspace.root, do)
 
 
 def check_lidar_once(workspace: Workspace, options: LithosOptions) -> None:

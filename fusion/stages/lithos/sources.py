@@ -101,7 +101,7 @@ class LithosSources:
             raise no_usable_image(workspace, wrong, outline)
         check_shade(options.secondary, images.images)
         if (options.start == "shape" or options.secondary) and images.beyond is None:
-            raise no_shape(workspace)
+            raise no_shape(workspace, options)
         return cls(
             workspace,
             images,

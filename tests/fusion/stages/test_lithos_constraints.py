@@ -478,6 +478,28 @@ def test_limbs_constrain_and_their_images_are_noted(mission):
     assert states <= read_solution(root, "limbs").digests.keys()
 
 
+def test_the_solution_of_images_and_lidar_may_use_limbs(mission, tmp_path):
+    root = mission[0]
+    path = root / "spcola.toml"
+    text = path.read_text()
+    given = ("--from", "images", "--only", NAME, "--as")
+    try:
+        path.write_text(text.replace('constraints = ["shape"]', 'constraints = ["limbs"]'))
+        content = called("fuse", root, *given, "with-limbs")
+        bare = tmp_path / "bare"
+        shutil.copytree(root, bare, symlinks=True)
+    finally:
+        path.write_text(text)
+    asked = ["shape", "overlaps", "coarser", "returns", "limbs"]
+    assert content["options"]["constraints"] == asked
+    assert content["maplets"][NAME]["constraints"]["limbs"]["heights"] > 0
+    states = {f"SUMFILES/{path.name}" for path in (root / "SUMFILES").glob("*.SUM")}
+    assert states <= read_solution(root, "with-limbs").digests.keys()
+    for shape in (bare / "SHAPEFILES").iterdir():
+        shape.unlink()
+    assert "leave limbs and secondary_light out" in refused("fuse", bare, *given, "none")
+
+
 def test_without_stereo_constraints_alone_set_the_mean_height(mission):
     root = mission[0]
     given = ("spc", "lithos", root, "--only", NAME, "--start", "shape", "--constraint", "shape")
