@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
 from fusion.pipeline import Subset, find_table
-from fusion.stages.lithos.options import albedo_convention, convention_json
+from fusion.stages.lithos.options import albedo_convention, convention_json, light_of
 from fusion.stages.tiling.naming import check_letters
 from fusion.workspace.settings import Settings
-from fusion.workspace.settings.processing import LithosSettings, RegisterSettings
+from fusion.workspace.settings.processing import LithosSettings
 from spcola.errors import SettingsError
 from spcola.photometry.albedo import AlbedoOptions
-from spcola.photometry.functions import photometric_function
 from spcola.photometry.photoclinometry import PhotoclinometryOptions
 
 GroundKind = Literal["maplets", "mapolas", "bigmaps"]
@@ -87,12 +86,9 @@ class AlbedoWork:
         SettingsError
             If a value is impossible, or there is no such photometric function.
         """
-        table, register = (
-            find_table(settings, LithosSettings),
-            find_table(settings, RegisterSettings),
-        )
+        table = find_table(settings, LithosSettings)
         solver = PhotoclinometryOptions(
-            photometric_function(table.photometry or register.photometry),
+            light_of(settings),
             table.psf_px,
             albedo_sigma=albedo_sigma,
             convention=albedo_convention(table),

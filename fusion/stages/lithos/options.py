@@ -13,7 +13,7 @@ from fusion.pipeline import Subset, find_table
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.processing import LithosSettings, RegisterSettings
 from spcola.errors import SettingsError
-from spcola.photometry.functions import photometric_function
+from spcola.photometry.functions import PhotometricFunction, photometric_function
 from spcola.photometry.photoclinometry import AlbedoConvention, PhotoclinometryOptions
 
 StartKind = Literal["maplet", "shape"]
@@ -133,7 +133,6 @@ class LithosOptions:
             If a value is impossible, or there is no such photometric function.
         """
         table = find_table(settings, LithosSettings)
-        function = table.photometry or find_table(settings, RegisterSettings).photometry
         asked = {*(table.constraints if constraints is None else constraints)}
         asked |= {ConstraintKind.MAPS} if maps else set()
         return cls(
@@ -146,7 +145,7 @@ class LithosOptions:
             table.max_images,
             tuple(sorted(set(table.secondary_light))),
             PhotoclinometryOptions(
-                photometric_function(function),
+                light_of(settings),
                 table.psf_px,
                 albedo_sigma=table.albedo_sigma,
                 albedo_step_sigma=table.albedo_step_sigma,
@@ -208,6 +207,18 @@ class LithosOptions:
             "stereo": own.stereo,
             "rounds": own.rounds,
         }
+
+
+def light_of(settings: Settings) -> PhotometricFunction:
+    """Return the photometric function with which maplets are solved: [lithos], else [register].
+
+    Raises
+    ------
+    SettingsError
+        If there is no such function.
+    """
+    own = find_table(settings, LithosSettings).photometry
+    return photometric_function(own or find_table(settings, RegisterSettings).photometry)
 
 
 def albedo_convention(table: LithosSettings) -> AlbedoConvention:

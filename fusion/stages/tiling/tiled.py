@@ -14,6 +14,7 @@ import numpy as np
 from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
 from fusion.runtime import Executor, Progress, json_value
 from fusion.runtime.machine import check_memory
+from fusion.stages.lithos.options import light_of
 from fusion.stages.solution_result import use_line
 from fusion.stages.tiling.naming import MOST_NAMES
 from fusion.stages.tiling.options import TilingOptions
@@ -273,7 +274,8 @@ def _check_count(count: float) -> None:
 
 
 def _pictures(workspace: Workspace, sources: Sources, options: TilingOptions) -> Pictures:
-    choice = ChoiceOptions(most=options.max_images)
+    """Return what finds the images of a maplet: as many as it may have, those that solve it."""
+    choice = ChoiceOptions(most=options.max_images, light=light_of(workspace.settings()))
     return Pictures(workspace.images(), sources.caster, choice)
 
 

@@ -15,12 +15,14 @@ from scipy.ndimage import map_coordinates
 from fusion.pipeline import Subset
 from fusion.pipeline.subset import Place
 from fusion.runtime import Progress, ThreadExecutor
+from fusion.stages.lithos import LithosOptions
 from fusion.stages.tiling import TilingOptions, tile_solution
 from fusion.stages.tiling.naming import free_letters, free_names
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
 from spcola.camera import project_image
 from spcola.errors import SettingsError
+from spcola.imagematching import ChoiceOptions, Pictures
 from spcola.shape import RayCaster
 
 TILE = ("--gsd", 0.4, "--half-size", 24)
@@ -110,6 +112,23 @@ def test_landmarks_have_images_overlaps_and_sigmas(mission, tiled):
         pictures += len(landmark.pictures)
     assert pictures / tiled["maplets"] == pytest.approx(tiled["pictures"])
     assert pictures > tiled["maplets"]
+
+
+def test_of_many_images_those_in_light_that_differs_are_chosen(mission):
+    given = ("--within", "30,40,18", "--max-images", 3, "--as", "few")
+    called("spc", "tile", mission[0], *TILE, *given)
+    made = Workspace.open(mission[0], "few")
+    light = LithosOptions.of(made.settings(), Subset.of()).photoclinometry.function
+    images, caster = made.images(), RayCaster(made.shape())
+    pictures = Pictures(images, caster, ChoiceOptions(most=3, light=light))
+    by_views = Pictures(images, caster, ChoiceOptions(most=3))
+    differ = 0
+    for name in (name for name in made.landmark_names() if name.startswith("AA")):
+        landmark = made.landmark(name)
+        found = [point.name for point in landmark.pictures]
+        assert found == [point.name for point in pictures.of(landmark.grid)]
+        differ += found != [point.name for point in by_views.of(landmark.grid)]
+    assert differ > 0
 
 
 def test_from_the_shape_with_coarser_maplets_replaced(mission):
