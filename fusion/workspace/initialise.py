@@ -42,8 +42,8 @@ def new_workspace(
     faces_from : {1, 0}
         The number by which the faces of an OBJ name its first vertex.
     exported : Path, optional
-        Where the ``solution.json`` of an exported solution is, whose body constants are taken; by
-        default `spc`, if there is one.
+        Where the ``solution.json`` of an exported solution is, whose body constants are taken, and
+        what it states of the maplets; by default `spc`, if there is one.
 
     Raises
     ------
@@ -65,7 +65,8 @@ def new_workspace(
     }
     plain = BodySettings().model_dump()
     given = {key: value for key, value in given.items() if value != plain[key]}
-    settings = _exported(exported or spc).with_table("body", **given)
+    record = _record_of(exported or spc)
+    settings = _exported(record).with_table("body", **given)
     if shape is not None:
         read_shape(shape, unit=shape_unit, faces_from=faces_from)
     linked = [] if spc is None or _same(spc, root) else spc_files(spc)
@@ -76,6 +77,10 @@ def new_workspace(
         make_folder(root / "SHAPEFILES")
         with replacing(root / "SHAPEFILES" / shape.name) as temporary:
             shutil.copyfile(shape, temporary)
+    if record is not None and not _same(record, root / SOLUTION_FILE):
+        make_folder(root)
+        with replacing(root / SOLUTION_FILE) as temporary:
+            shutil.copyfile(record, temporary)
     # The settings last: a folder that has them has all that was given.
     return Workspace.create(root, settings)
 
@@ -111,11 +116,17 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
     return inside
 
 
-def _exported(folder: Path | None) -> Settings:
+def _record_of(folder: Path | None) -> Path | None:
+    """Return the file with the record of the solution that was exported to a folder, if any."""
+    path = None if folder is None else folder / SOLUTION_FILE
+    return path if path is not None and path.is_file() else None
+
+
+def _exported(record: Path | None) -> Settings:
     """Return the default settings with the constants of an exported solution."""
-    if folder is None or not (folder / SOLUTION_FILE).is_file():
+    if record is None:
         return Settings()
-    return Settings().with_tables(read_record(folder).constants, folder / SOLUTION_FILE)
+    return Settings().with_tables(read_record(record.parent).constants, record)
 
 
 def _link(source: Path, target: Path) -> None:

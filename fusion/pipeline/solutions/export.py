@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from fusion.pipeline.solutions.lidar_content import LidarContent
 from fusion.pipeline.solutions.making import copy, solution_files
 from fusion.runtime.folders import clear_abandoned_folders, make_folder
 from fusion.workspace import Workspace, visible_files
@@ -22,8 +23,8 @@ def export_solution(
 ) -> tuple[dict[str, int], dict[str, StoredCamera]]:
     """Write the solution of a workspace as a plain SPC folder, with the pixels of its images.
 
-    ``solution.json`` has its constants, such as radius and pole, so that a workspace that is made
-    of the folder has them again.
+    ``solution.json`` has its constants, such as radius and pole, and whether its maplets contain
+    the lidar, so that a workspace that is made of the folder has them again.
 
     Parameters
     ----------
@@ -47,7 +48,9 @@ def export_solution(
     """
     _check_new(workspace, folder)
     record = read_solution(workspace.root, workspace.solution)
-    record = replace(record, constants=_constants(workspace))
+    content = LidarContent.of(workspace)
+    facts = {**record.facts, **(content.facts if content else {})}
+    record = replace(record, constants=_constants(workspace), facts=facts)
     files = {
         **solution_files(workspace),
         "IMAGEFILES": visible_files(workspace.root / "IMAGEFILES"),

@@ -12,11 +12,14 @@ from fusion.workspace.solution_records import SolutionRecord
 
 __all__ = ["LidarContent"]
 
+# Fact of the record of an exported solution, and of the imported one of a workspace made of it.
+_FACT = "lidar_in_maplets"
 # Constraints of ``spc lithos`` that are lidar heights, and those of other maplets of the parent.
 _OF_LIDAR = frozenset({"lidar", "returns"})
 _OF_MAPLETS = frozenset({"overlaps", "coarser"})
 # Outcomes with which a maplet keeps the heights of the parent.
 _KEEPS = frozenset({"too-few-images", "diverged"})
+_ELSEWHERE = "the workspace from which it was exported, and a solution without it there"
 
 
 class LidarContent(NamedTuple):
@@ -27,7 +30,8 @@ class LidarContent(NamedTuple):
     solution, made_by : str
         The first solution whose maplets contain it, and the command that made this one.
     without : str
-        The solution from which that was made: its maplets do not contain the lidar.
+        The solution from which that was made: its maplets do not contain the lidar. Empty if the
+        workspace does not have it, as an exported solution was imported.
     """
 
     solution: str
@@ -50,7 +54,9 @@ class LidarContent(NamedTuple):
         """
         found = None
         for record in lineage(workspace):
-            if _adds(record):
+            if stated := _facts(record, _FACT):
+                found = cls(str(stated["solution"]), str(stated["made_by"]), "")
+            elif _adds(record):
                 found = cls(record.name, record.made_by, record.parent)
             elif _replaces(record):
                 break
@@ -60,6 +66,11 @@ class LidarContent(NamedTuple):
     def text(self) -> str:
         """What was found, in one clause."""
         return f"the maplets contain the lidar (solution {self.solution}, by {self.made_by})"
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The fact by which an exported solution states it."""
+        return {_FACT: {"solution": self.solution, "made_by": self.made_by}}
 
     @property
     def finding(self) -> Finding:
@@ -83,10 +94,10 @@ class LidarContent(NamedTuple):
         """
         if Code.LIDAR_COUNTED_TWICE in accepted:
             return ""
+        other = f"the solution without it, spcola solution use {workspace.root} {self.without}"
         return (
-            f"{self.text}, which would count twice; use the solution without it, spcola solution "
-            f"use {workspace.root} {self.without}, or accept the code {Code.LIDAR_COUNTED_TWICE} "
-            f"(--accept, [accept] codes)"
+            f"{self.text}, which would count twice; use {other if self.without else _ELSEWHERE}, "
+            f"or accept the code {Code.LIDAR_COUNTED_TWICE} (--accept, [accept] codes)"
         )
 
 

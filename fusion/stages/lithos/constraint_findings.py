@@ -75,7 +75,8 @@ def counted_twice(content: LidarContent, names: Iterable[str]) -> dict[str, Any]
     names : iterable of str
         Of the maplets that were solved.
     """
-    do = f"{content.text}: sigmas are too small; start from the solution {content.without}"
+    other = f"the solution {content.without}" if content.without else "one without it"
+    do = f"{content.text}: sigmas are too small; start from {other}"
     return {"code": str(Code.LIDAR_COUNTED_TWICE), "names": list(names), "do": do}
 
 

@@ -23,6 +23,8 @@ SOLUTION_FILE = "solution.json"
 _IN_USE = "IN_USE"
 _LONGEST_NAME = 40
 _CHECKSUM = "checksum"
+# Facts of an exported solution that are of its maplets, wherever these go.
+_OF_MAPLETS = ("lidar_in_maplets",)
 _MEND = "bring it back from a copy, or remove the solution: spcola solution remove"
 
 
@@ -136,7 +138,7 @@ def read_solution(root: Path, name: str) -> SolutionRecord:
         If there is no such solution, or its record is damaged.
     """
     if name == IMPORTED:
-        return SolutionRecord(IMPORTED)
+        return SolutionRecord(IMPORTED, facts=_facts_of_imported(root))
     names = derived_names(root)
     if name not in names:
         there = ", ".join([IMPORTED, *names])
@@ -151,6 +153,17 @@ def read_solution(root: Path, name: str) -> SolutionRecord:
             f"is the record of the solution {record.name!r}", folder / SOLUTION_FILE, _MEND
         )
     return record
+
+
+def _facts_of_imported(root: Path) -> dict[str, Any]:
+    """Return what an exported solution of which a workspace was made states of its maplets.
+
+    Its constants are in the settings of the workspace.
+    """
+    if not (root / SOLUTION_FILE).is_file():
+        return {}
+    facts = read_record(root).facts
+    return {key: facts[key] for key in _OF_MAPLETS if key in facts}
 
 
 def read_record(folder: Path) -> SolutionRecord:

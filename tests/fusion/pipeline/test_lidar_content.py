@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import call
 
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.pipeline.solutions.lidar_content import LidarContent
@@ -24,6 +25,27 @@ def solved(
 TILED: dict[str, Any] = {"tiling": {"gsd_m": 0.5}}
 LIDAR, MAPOLAS = solved("shape", "overlaps", "returns"), {"albedo": {"of": "mapolas"}}
 ANEW = solved("shape", start="shape")
+
+
+def test_an_exported_solution_states_it_and_its_workspace_keeps_it(tmp_path: Path) -> None:
+    root = new_workspace(tmp_path / "WS").root
+    with making_solution(Workspace.open(root), "s1", MadeBy("a test", {}, LIDAR, {})):
+        pass
+    with making_solution(Workspace.open(root, "s1"), "s2", MadeBy("another", {}, TILED, {})):
+        pass
+    call("solution", "export", root, "s2", tmp_path / "out")
+    call("init", tmp_path / "again", "--spc", tmp_path / "out")
+    # An SPC folder may become a workspace as it is.
+    call("init", tmp_path / "out", "--spc", tmp_path / "out")
+    for name in ("again", "out"):
+        workspace = Workspace.open(tmp_path / name)
+        found = LidarContent.of(workspace)
+        assert found == ("s1", "a test", "")
+        assert "the workspace from which it was exported" in found.obstacle(workspace, [])
+        assert LidarContent.of(Workspace.open(root)) is None
+    call("solution", "export", root, "imported", tmp_path / "plain")
+    call("init", tmp_path / "free", "--spc", tmp_path / "plain")
+    assert LidarContent.of(Workspace.open(tmp_path / "free")) is None
 
 
 @pytest.mark.parametrize(
