@@ -72,7 +72,8 @@ class Product:
         Name in the release folder.
     kind : str
         ``map``, ``sigma``, ``fits``, ``geotiff``, ``obj``, ``ply``, ``layers``; of maplets solved
-        from images also ``albedo_sigma`` (.ASG) and ``slope_sigma`` (.SSG), and no layers.
+        from images also ``albedo_sigma`` (.ASG), ``slope_sigma`` (.SSG) and ``slope_directions``
+        (.SDR), and no layers.
     maplet : str
         Name of the maplet or bigmap; empty for a file of all of them.
     sha256 : str

@@ -46,7 +46,13 @@ SURFACE_WRITERS: Mapping[str, tuple[str, Writer]] = {
 UPSTREAM = ("ingest", "mapolas", "register", "fuse", "bigmap")
 """Stages whose settings the products depend on."""
 
-_COMPANIONS = {"map": ".MAP", "sigma": ".SIG", "albedo_sigma": ".ASG", "slope_sigma": ".SSG"}
+_COMPANIONS = {
+    "map": ".MAP",
+    "sigma": ".SIG",
+    "albedo_sigma": ".ASG",
+    "slope_sigma": ".SSG",
+    "slope_directions": ".SDR",
+}
 
 
 @dataclass(frozen=True)

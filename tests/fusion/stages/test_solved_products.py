@@ -19,6 +19,7 @@ from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.formats.maplets import read_maplet
 
 SOME = ("TR0009", "TR0012")
+COMPANIONS = {"map", "sigma", "albedo_sigma", "slope_sigma", "slope_directions"}
 ONLY = tuple(part for name in SOME for part in ("--only", name))
 
 
@@ -81,7 +82,7 @@ def test_products_are_the_solved_maplets_and_the_bigmap(root, made):
         assert "photoclinometry.json" in one["made_from"]
         assert not any(key.startswith("fused") for key in one["made_from"])
         where = "bigmaps" if name == "EQ" else "MAPFILES"
-        if one["kind"] in ("map", "sigma", "albedo_sigma", "slope_sigma"):
+        if one["kind"] in COMPANIONS:
             assert path.read_bytes() == (workspace.home / where / path.name).read_bytes()
             continue
         assert source[1] in path.name
@@ -94,7 +95,7 @@ def test_products_are_the_solved_maplets_and_the_bigmap(root, made):
         elif one["kind"] == "geotiff":
             np.testing.assert_allclose(read_geotiff(path).height, maplet.height, rtol=1e-6)
     kinds = [one["kind"] for one in products if one["maplet"] == SOME[0]]
-    assert {"map", "sigma", "albedo_sigma", "slope_sigma", "fits", "geotiff"} <= set(kinds)
+    assert {*COMPANIONS, "fits", "geotiff"} <= set(kinds)
 
 
 def test_the_albedo_of_the_bigmap_is_solved(root, made):
