@@ -34,8 +34,8 @@ class AlbedoErrors:
         points, and of means over the median pixel.
     error, sigma : float
         Root mean square of the errors about their mean, and of their sigmas, where stated.
-    within : float
-        Share of the errors within one sigma.
+    within, within_two : float
+        Shares of the errors within one and two sigmas.
     topography, true_topography : float
         Multiple correlation with both slopes; that of the true albedo with the true ones.
     """
@@ -47,6 +47,7 @@ class AlbedoErrors:
     error: float
     sigma: float
     within: float
+    within_two: float
     topography: float
     true_topography: float
 
@@ -117,13 +118,14 @@ def means(layer: np.ndarray) -> np.ndarray:
     return ndimage.convolve(layer, np.full((3, 3), 1.0 / 9.0))
 
 
-def stated(error: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
-    """Return the root mean square of sigmas, and the share of errors within one, where known."""
+def stated(error: np.ndarray, sigma: np.ndarray) -> tuple[float, float, float]:
+    """Return the root mean square of sigmas, and shares of errors within one and two, if known."""
     known = np.isfinite(sigma)
     if not known.any():
-        return float("nan"), float("nan")
-    within = np.abs(error[known]) < sigma[known]
-    return float(np.sqrt(np.mean(sigma[known] ** 2))), float(within.mean())
+        return float("nan"), float("nan"), float("nan")
+    pulls = np.abs(error[known]) / sigma[known]
+    scatter = float(np.sqrt(np.mean(sigma[known] ** 2)))
+    return scatter, float(np.mean(pulls < 1.0)), float(np.mean(pulls < 2.0))
 
 
 def by_slopes(albedo: np.ndarray, height: np.ndarray, good: np.ndarray, gsd: float) -> float:
@@ -142,7 +144,9 @@ def albedo_lines(of: Mapping[str, np.ndarray]) -> Iterator[str]:
         f"3 x 3 points {np.median(of['of_means']):.3f}, over a pixel "
         f"{np.median(of['of_pixels']):.3f} (goal {CORRELATION:g})"
     )
-    error, sigma, within = (np.median(of[name]) for name in ("error", "sigma", "within"))
-    yield f"  its error {error:.4f}, sigma {sigma:.4f}, within one {within:.2f}"
+    error, sigma, one, two = (
+        np.median(of[name]) for name in ("error", "sigma", "within", "within_two")
+    )
+    yield f"  its error {error:.4f}, sigma {sigma:.4f}, within one {one:.2f}, two {two:.2f}"
     own, true = (np.median(of[name]) for name in ("topography", "true_topography"))
     yield f"  with slopes {own:.3f}, the true albedo {true:.3f} (goal {TOPOGRAPHY:g})"
