@@ -20,7 +20,7 @@ class ReportStage(Stage):
     """Results of all stages → report.html."""
 
     name = "report"
-    version = 5
+    version = 6
     places = ("report.html",)
     tables = (BodySettings, AcceptSettings)
 

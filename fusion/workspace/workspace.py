@@ -23,6 +23,7 @@ from fusion.workspace.shape_file import check_unit, shape_file
 from fusion.workspace.solution_records.record import (
     IMPORTED,
     SOLUTION_FILE,
+    SOLUTION_FOLDER,
     name_in_use,
     read_solution,
     solution_folder,
@@ -139,18 +140,30 @@ class Workspace:
         """Return `path` as it is named in the catalogue.
 
         Relative to the folder of the solution where inside it, so that a file has the same name
-        in all solutions, or else to the root.
+        in all solutions, or else to the root. A file of another solution is named from the folder
+        of this one: ``../lithos-1/MAPFILES/AB0001.MAP``.
         """
         text = str(path)
         for prefix in (f"{self.home}/", f"{self.root}/"):
             # A tenth of the time of comparing paths part by part, which a large workspace feels.
             if text.startswith(prefix) and text.isascii():
-                return text[len(prefix) :]
-        base = self.home if path.is_relative_to(self.home) else self.root
-        inside = path.is_relative_to(base)
-        name = path.relative_to(base).as_posix() if inside else str(path.resolve())
+                name = text[len(prefix) :]
+                return name if prefix == f"{self.home}/" else self._beyond(name)
+        if path.is_relative_to(self.home):
+            name = path.relative_to(self.home).as_posix()
+        elif path.is_relative_to(self.root):
+            name = self._beyond(path.relative_to(self.root).as_posix())
+        else:
+            name = str(path.resolve())
         # The data base stores UTF-8, and a file name may not be UTF-8.
         return name.encode("utf-8", "backslashreplace").decode("utf-8")
+
+    def _beyond(self, name: str) -> str:
+        """Return the name of a file in the root that does not belong to this solution."""
+        folder, _, rest = name.partition("/")
+        if folder == SOLUTION_FOLDER:
+            return f"../{rest}"
+        return f"../../{name}" if folder in SPC_FOLDERS and folder not in _SHARED else name
 
     def maplet_names(self) -> list[str]:
         """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""

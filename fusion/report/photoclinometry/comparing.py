@@ -23,6 +23,7 @@ def image_strip(
     maplet: Maplet,
     image: str,
     beyond: RayCaster | None,
+    around: RayCaster | None = None,
 ) -> AnyArray:
     """Return an image on the grid of a maplet, its rendering and the residual, side by side.
 
@@ -40,6 +41,8 @@ def image_strip(
         Name of one that was used for it, as its fit has it.
     beyond : RayCaster, optional
         The shape.
+    around : RayCaster, optional
+        The maplets around.
 
     Returns
     -------
@@ -67,7 +70,7 @@ def image_strip(
                 exposed,
                 shift_px=_pair(fit["shift_px"]),
                 gradient=_pair(fit.get("gradient")),
-                beyond=() if beyond is None else (beyond,),
+                beyond=[caster for caster in (beyond, around) if caster is not None],
                 light=light,
                 options=PhotoclinometryOptions(function, options["psf_px"], _blurs_of(options)),
             )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fusion.report.photoclinometry.around import around_caster, around_files
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.goodness import (
     chosen_maplets,
@@ -16,6 +17,7 @@ from fusion.report.photoclinometry.goodness import (
 from fusion.workspace import Workspace
 from spcola.arrays import AnyArray
 from spcola.grids import Maplet
+from spcola.photometry.secondary_light import name_of_image
 from spcola.shape import RayCaster
 
 # Maplets with pictures, and images of each.
@@ -78,7 +80,9 @@ def gather_solved(workspace: Workspace) -> SolvedMaplets | None:
 
 
 def solved_inputs(workspace: Workspace) -> list[Path]:
-    """Return the files that :func:`gather_solved` reads besides maplets; they may be missing.
+    """Return the files that :func:`gather_solved` reads; they may be missing.
+
+    Maplets of the solution are not among them, those of its parent are: around the shown ones.
 
     Raises
     ------
@@ -88,26 +92,27 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
     content = read_goodness(workspace)
     if content is None:
         return []
+    shown = [content["maplets"][name] for name in chosen_maplets(content, _MOST_MAPLETS)]
     names = {
-        image
-        for name in chosen_maplets(content, _MOST_MAPLETS)
-        for image in worst_images(content["maplets"][name])[:_MOST_IMAGES]
+        name_of_image(image) or image for one in shown for image in worst_images(one)[:_MOST_IMAGES]
     }
+    around = {path for one in shown for path in around_files(workspace, one)}
     shape = [workspace.shape_path()] if workspace.has_shape() else []
     images = [
         path
         for name in sorted(names)
         for path in (workspace.image_path(name), workspace.exposure_path(name))
     ]
-    return [workspace.photoclinometry_path, *shape, *images]
+    return [workspace.photoclinometry_path, *shape, *sorted(around), *images]
 
 
 def _shown(
     workspace: Workspace, content: Mapping[str, Any], name: str, why: str, beyond: RayCaster | None
 ) -> SolvedMaplet:
-    maplet = workspace.maplet(name)
+    maplet, one = workspace.maplet(name), content["maplets"][name]
+    around = around_caster(workspace, one, maplet.grid.gsd)
     strips = {
-        image: image_strip(workspace, content, maplet, image, beyond)
-        for image in worst_images(content["maplets"][name])[:_MOST_IMAGES]
+        image: image_strip(workspace, content, maplet, image, beyond, around)
+        for image in worst_images(one)[:_MOST_IMAGES]
     }
     return SolvedMaplet(maplet, why, strips)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Hashable
 from functools import lru_cache
 from typing import Any
@@ -13,6 +14,7 @@ from fusion.report.photoclinometry import (
     residual_limit,
     strip_png,
 )
+from fusion.report.photoclinometry.around import around_caster, around_files
 from fusion.runtime import content_digest
 from fusion.service.views.body import PAGE_FACETS, shape_mesh
 from fusion.service.views.surfaces import LayerCache
@@ -24,6 +26,8 @@ from spcola.photometry.secondary_light import name_of_image
 from spcola.shape import RayCaster
 
 __all__ = ["solved_etag", "solved_index", "solved_maplet", "solved_picture"]
+
+_MAKING = threading.Lock()
 
 
 def solved_index(workspace: Workspace) -> dict[str, Any]:
@@ -112,29 +116,42 @@ def solved_picture(
     _image(workspace, content, maplet, image)
 
     def make() -> dict[Hashable, AnyArray]:
-        beyond = None
-        if workspace.has_shape():
-            beyond = _caster(workspace, stamp_of(workspace.shape_path()), kept)
-        drawn = image_strip(workspace, content, workspace.maplet(maplet), image, beyond)
-        return {"codes": drawn}
+        one, others = workspace.maplet(maplet), _around_stamp(workspace, content, maplet)
+        beyond = around = None
+        # Pictures of a maplet are asked for together: the first makes what all of them need.
+        with _MAKING:
+            if workspace.has_shape():
+                beyond = _caster(workspace, stamp_of(workspace.shape_path()), kept)
+            if others:
+                around = _around(workspace, maplet, one.grid.gsd, others)
+        return {"codes": image_strip(workspace, content, one, image, beyond, around)}
 
-    return strip_png(kept.find(_key(workspace, maplet, image), "codes", make))
+    return strip_png(kept.find(_key(workspace, content, maplet, image), "codes", make))
 
 
 def solved_etag(workspace: Workspace, maplet: str, image: str) -> str:
     """Return a text that changes whenever :func:`solved_picture` does; raises as it does."""
-    _image(workspace, _content(workspace), maplet, image)
-    return content_digest(repr(_key(workspace, maplet, image)))[:32]
+    content = _content(workspace)
+    _image(workspace, content, maplet, image)
+    return content_digest(repr(_key(workspace, content, maplet, image)))[:32]
 
 
-def _key(workspace: Workspace, maplet: str, image: str) -> tuple[Hashable, ...]:
+def _key(
+    workspace: Workspace, content: dict[str, Any], maplet: str, image: str
+) -> tuple[Hashable, ...]:
     """Return what a picture is made from."""
     own = name_of_image(image) or image
     paths = [
         workspace.photoclinometry_path, workspace.maplet_path(maplet), workspace.image_path(own),
-        workspace.exposure_path(own),
+        workspace.exposure_path(own), *([workspace.shape_path()] if workspace.has_shape() else []),
     ]  # fmt: skip
-    return ("solved", image, stamp_of(*(path for path in paths if path.is_file())))
+    around = _around_stamp(workspace, content, maplet)
+    return ("solved", image, stamp_of(*(path for path in paths if path.is_file())), around)
+
+
+def _around_stamp(workspace: Workspace, content: dict[str, Any], maplet: str) -> Stamp:
+    """Return what changes with the maplets around one; empty if there are none."""
+    return stamp_of(*around_files(workspace, content["maplets"][maplet]))
 
 
 def _content(workspace: Workspace) -> dict[str, Any]:
@@ -170,3 +187,14 @@ def _image(workspace: Workspace, content: dict[str, Any], maplet: str, image: st
 def _caster(workspace: Workspace, stamp: Stamp, cache: LayerCache) -> RayCaster:  # noqa: ARG001
     """Return the shape for the shadows that it casts; coarse where it has very many facets."""
     return RayCaster(shape_mesh(workspace, PAGE_FACETS, cache=cache))
+
+
+@lru_cache(maxsize=2)
+def _around(
+    workspace: Workspace,
+    maplet: str,
+    gsd: float,
+    stamp: Stamp,  # noqa: ARG001
+) -> RayCaster | None:
+    """Return the maplets around one, for what they hide and shade."""
+    return around_caster(workspace, _content(workspace)["maplets"][maplet], gsd)

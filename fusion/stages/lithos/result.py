@@ -58,6 +58,8 @@ PHOTOCLINOMETRY_KEYS = {
     "light-doubtful",
     "maplets[].shift_ratio": "median over images of their shifts, in sigmas of their states; over "
     "2: images-displaced",
+    "maplets[].around": "maplets of the parent that are near enough to hide and shade its ground; "
+    "none if it started from the shape",
     "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
     "maplets[].constraints": "by constraint: number of heights, number left_out as false before, "
     "robust rms of them less the solved ones (residual_m), and of each over its sigma (ratio): 1 "
@@ -125,9 +127,9 @@ class LithosResult(SolutionResult):
         return [*lines, use_line(self.folder)]
 
 
-def summary_of(found: Photoclinometry) -> Summary:
-    """Return the summary of a maplet."""
-    return Summary(found.outcome, found.images, _maplet_json(found))
+def summary_of(found: Photoclinometry, around: Sequence[str] = ()) -> Summary:
+    """Return the summary of a maplet; `around` are the maplets that may hide and shade it."""
+    return Summary(found.outcome, found.images, {**_maplet_json(found), "around": list(around)})
 
 
 def content_of(

@@ -117,4 +117,4 @@ def _solved(
                 directions = SlopeDirections(found.directions, found.undetermined_azimuth_deg)
                 write_slope_directions(path, directions)
             task.advance_one(spent)
-            yield name, summary_of(found)
+            yield name, summary_of(found, sources.around(name))

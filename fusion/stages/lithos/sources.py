@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore
+from fusion.scene import NearMaplets, caster_around
 from fusion.stages.bad_images import ImageUse, Outline, no_usable_image, with_right_sizes
 from fusion.stages.lithos.blurs import blur_path, with_blurs
 from fusion.stages.lithos.constraining import ConstrainingHeights, no_shape
@@ -37,12 +39,7 @@ from spcola.photometry.secondary_light import (
     name_of_image,
     secondary_light,
 )
-from spcola.shape import RayCaster, shape_heights
-from spcola.shape.tiling import mesh_of_maplets
-
-# Maplets that reach to within so many radii of the centre of another may hide and shade its ground;
-# their facets there have a side of so many of its GSDs.
-_AROUND, _AROUND_STEP = 3.0, 2.0
+from spcola.shape import shape_heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +182,7 @@ class LithosSources:
         found: Photoclinometry = self.items.result(
             self.from_images,
             start,
-            self._around(start),
+            self._around(name),
             digests,
             self.digests.shape,
             states,
@@ -209,6 +206,17 @@ class LithosSources:
         height = shape_heights(self.images.beyond, grid, reach=grid.radius)
         unknown = np.full(height.shape, np.nan)
         return replace(maplet, height=height, albedo=np.ones(height.shape), sigma=unknown)
+
+    def around(self, name: str) -> list[str]:
+        """Return the maplets that are near enough to hide and shade the ground of one.
+
+        A start from the shape uses the shape there too.
+
+        Parameters
+        ----------
+        name : str
+        """
+        return [] if self.options.start == "shape" else self._near.around(name)
 
     def from_images(
         self,
@@ -237,8 +245,9 @@ class LithosSources:
         """
         exposed, secondary = self._exposed(start, images)
         beyond = [] if self.images.beyond is None else [self.images.beyond]
-        if around:
-            beyond.append(RayCaster(mesh_of_maplets(around, _AROUND_STEP * start.grid.gsd)))
+        others = caster_around(around, start.grid.gsd)
+        if others is not None:
+            beyond.append(others)
         return solve_photoclinometry(
             start, exposed, states, constraints=constraints, beyond=beyond, secondary=secondary,
             options=options,
@@ -271,18 +280,11 @@ class LithosSources:
                 lights[name] = light
         return exposed, lights
 
-    def _around(self, start: Maplet) -> tuple[Maplet, ...]:
-        """Return the maplets with heights that are near enough to hide and shade its ground.
-
-        A start from the shape uses the shape there too.
-        """
-        if self.options.start == "shape":
-            return ()
-        own = start.grid
-        near = (
-            self.workspace.maplet(name)
-            for name, grid in self.grids.items()
-            if name != start.name
-            and np.linalg.norm(grid.center - own.center) < grid.radius + _AROUND * own.radius
-        )
+    def _around(self, name: str) -> tuple[Maplet, ...]:
+        """Return the maplets with heights around one."""
+        near = (self.workspace.maplet(other) for other in self.around(name))
         return tuple(maplet for maplet in near if maplet.valid.any())
+
+    @cached_property
+    def _near(self) -> NearMaplets:
+        return NearMaplets(self.grids)

@@ -112,6 +112,7 @@ class SolvedMaplet(Form):
     albedo_sigma: Number = None
     undetermined_azimuth_deg: Number = None
     undetermined_agreement: Number = None
+    around: list[str] | None = None
     light_ratio: Number
     shift_ratio: Number
     gsd_m: Number
