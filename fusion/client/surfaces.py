@@ -70,7 +70,7 @@ class Surfaces(Viewing):
         workspace, kind, name : str
         layer : str
             ``height``, ``sigma``, ``albedo``, ``hillshade``, ``count``, ``source``,
-            ``difference`` or ``slope``, as far as the surface has it.
+            ``difference``, ``slope`` or ``directions``, as far as the surface has it.
         window : Window
         solution : str
 

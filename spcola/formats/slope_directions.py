@@ -40,6 +40,14 @@ class SlopeDirections:
     count: AnyArray
     undetermined_azimuth_deg: FloatArray
 
+    @property
+    def count_at_points(self) -> AnyArray:
+        """Fewest directions of the cells around each point, (2q+1, 2q+1) ndarray of int8."""
+        around = np.pad(self.count, 1, constant_values=2)
+        columns = np.minimum(around[:, 1:], around[:, :-1])
+        fewest: AnyArray = np.minimum(columns[1:], columns[:-1])
+        return fewest
+
 
 def slope_directions_path(path: str | Path) -> Path:
     """Return the companion with the directions of slopes: ``NAME.SDR`` next to ``NAME.MAP``.

@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.report.data import Origins
 from fusion.report.layout import Colour, styled_figure
-from fusion.report.layout.figures import SOURCE_COLOURS, SOURCES, source_colours
+from fusion.report.layout.figures import SOURCE_COLOURS, SOURCES, coded_colours
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _draw(panel: Any, image: FloatArray, extent: tuple[float, float, float, floa
         extent=extent,
         origin="lower",
         interpolation="nearest",
-        **source_colours(),
+        **coded_colours("source"),
     )
 
 

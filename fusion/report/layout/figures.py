@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,12 @@ SOURCES = ("none", "image", "lidar", "both", "filled")
 """Words for each :class:`fusion.fusing.maplets.Source`, in its order."""
 SOURCE_COLOURS = ("#ffffff", Colour.SPC, Colour.LIDAR, Colour.FUSED, "#bbbbbb")
 """Colours of them."""
+CODED_COLOURS: Mapping[str, tuple[str, ...]] = {
+    "source": SOURCE_COLOURS,
+    "directions": ("#bbbbbb", Colour.LIDAR, Colour.SPC),
+}
+"""Colours of layers whose values are codes 0, 1, …: sources, and in how many directions images
+determine a slope."""
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
@@ -64,13 +70,13 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def source_colours() -> dict[str, Any]:
-    """Return colour map and norm of an image of sources, as options of ``imshow``."""
+def coded_colours(layer: str) -> dict[str, Any]:
+    """Return colour map and norm of an image of a layer of `CODED_COLOURS`, for ``imshow``."""
     from matplotlib.colors import BoundaryNorm, ListedColormap  # noqa: PLC0415
 
-    count = len(SOURCES)
-    norm = BoundaryNorm([number - 0.5 for number in range(count + 1)], count)
-    return {"cmap": ListedColormap(SOURCE_COLOURS), "norm": norm}
+    colours = CODED_COLOURS[layer]
+    norm = BoundaryNorm([code - 0.5 for code in range(len(colours) + 1)], len(colours))
+    return {"cmap": ListedColormap(colours), "norm": norm}
 
 
 def figure_bytes(figure: Figure, kind: str = "svg", *, dpi: int = 130, maker: str = "") -> bytes:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.fusing.maplets import FusedMaplet
 from fusion.report.layout import Colour
-from fusion.report.layout.figures import SOURCES, source_colours
+from fusion.report.layout.figures import SOURCES, coded_colours
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
@@ -49,7 +49,7 @@ def draw_sources(figure: Figure, panel: Any, fused: FusedMaplet) -> None:
         fused.source.T,
         extent=(-half, half, -half, half),
         interpolation="nearest",
-        **source_colours(),
+        **coded_colours("source"),
     )
     bar = bar_below(figure, source, panel, "", ticks=range(len(SOURCES)))
     bar.ax.set_xticklabels(SOURCES)

@@ -1,4 +1,4 @@
-"""Figure of a maplet solved from images: surface, albedo, sigma, convergence."""
+"""Figure of a maplet solved from images: surface, albedo, sigma, directions, convergence."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.layout import Colour, styled_figure
+from fusion.report.layout.figures import coded_colours
 from fusion.report.maplets import bar_below, grid_image, hillshade, label_panels
 from spcola.arrays import FloatArray
-from spcola.grids import Maplet
+from spcola.formats.slope_directions import SlopeDirections
+from spcola.grids import Maplet, MapletGrid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,10 +21,14 @@ if TYPE_CHECKING:
 _ENDS = (0.5, 99.5)
 # Least range of the colours of albedo: a .MAP has it in steps of 0.01.
 _LEAST_ALBEDO = 0.06
-_PLACES = [["surface", "albedo", "sigma", "residual"], ["surface", "albedo", "sigma", "changes"]]
+_LAYERS = ("surface", "albedo", "sigma")
 
 
-def solved_figure(maplet: Maplet, rounds: Sequence[Mapping[str, Any]]) -> Figure:
+def solved_figure(
+    maplet: Maplet,
+    rounds: Sequence[Mapping[str, Any]],
+    directions: SlopeDirections | None = None,
+) -> Figure:
     """Draw a solved maplet.
 
     Parameters
@@ -30,10 +36,16 @@ def solved_figure(maplet: Maplet, rounds: Sequence[Mapping[str, Any]]) -> Figure
     maplet : Maplet
     rounds : sequence of mapping
         As ``photoclinometry.json`` has them; empty where there was none.
+    directions : SlopeDirections, optional
+        Which slopes images determine; without it there is no panel of them.
     """
     grid = maplet.grid
-    with styled_figure(11.2, 3.5) as figure:
-        panels: dict[str, Any] = figure.subplot_mosaic(_PLACES, width_ratios=[1, 1, 1, 0.95])
+    layers = [*_LAYERS, *([] if directions is None else ["directions"])]
+    places = [[*layers, "residual"], [*layers, "changes"]]
+    with styled_figure(2.75 * len(layers) + 2.95, 3.5) as figure:
+        panels: dict[str, Any] = figure.subplot_mosaic(
+            places, width_ratios=[*(1.0 for _ in layers), 0.95]
+        )
         shade = hillshade(maplet.height, grid.gsd)
         drawn = grid_image(panels["surface"], grid, shade, "gray", (0.0, 1.0))
         bar = bar_below(figure, drawn, panels["surface"], "lit from the upper left", ticks=[])
@@ -47,9 +59,26 @@ def solved_figure(maplet: Maplet, rounds: Sequence[Mapping[str, Any]]) -> Figure
             drawn = grid_image(panels[name], grid, layer.T, colours, _ends(layer, least))
             bar_below(figure, drawn, panels[name], unit, extend="both")
             panels[name].set_title(name)
-        label_panels([panels[name] for name in ("surface", "albedo", "sigma")], grid)
+        if directions is not None:
+            _directions(figure, panels["directions"], grid, directions)
+        label_panels([panels[name] for name in layers], grid)
         _convergence(panels["residual"], panels["changes"], rounds, grid.gsd)
     return figure
+
+
+def _directions(figure: Figure, panel: Any, grid: MapletGrid, directions: SlopeDirections) -> None:
+    """Draw in how many directions images determine the slope of each cell, with a legend."""
+    half = grid.half_size * grid.gsd
+    drawn = panel.imshow(
+        directions.count.T,
+        extent=(-half, half, -half, half),
+        interpolation="nearest",
+        **coded_colours("directions"),
+    )
+    bar_below(
+        figure, drawn, panel, "directions in which images determine the slope", ticks=[0, 1, 2]
+    )
+    panel.set_title("directions")
 
 
 def _convergence(above: Any, below: Any, rounds: Sequence[Mapping[str, Any]], gsd: float) -> None:

@@ -16,6 +16,11 @@ from fusion.report.photoclinometry.goodness import (
 )
 from fusion.workspace import Workspace
 from spcola.arrays import AnyArray
+from spcola.formats.slope_directions import (
+    SlopeDirections,
+    read_slope_directions,
+    slope_directions_path,
+)
 from spcola.grids import Maplet
 from spcola.photometry.secondary_light import name_of_image
 from spcola.shape import RayCaster
@@ -36,11 +41,14 @@ class SolvedMaplet:
     strips : mapping of str to ndarray
         Image, rendering and residual by the name of the image, as of
         :func:`fusion.report.photoclinometry.image_strip`; the worst first.
+    directions : SlopeDirections, optional
+        Which slopes images determine; None where no file has it.
     """
 
     maplet: Maplet
     why: str
     strips: Mapping[str, AnyArray]
+    directions: SlopeDirections | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +100,9 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
     content = read_goodness(workspace)
     if content is None:
         return []
-    shown = [content["maplets"][name] for name in chosen_maplets(content, _MOST_MAPLETS)]
+    chosen = chosen_maplets(content, _MOST_MAPLETS)
+    shown = [content["maplets"][name] for name in chosen]
+    directions = [slope_directions_path(workspace.maplet_path(name)) for name in chosen]
     names = {
         name_of_image(image) or image for one in shown for image in worst_images(one)[:_MOST_IMAGES]
     }
@@ -103,7 +113,7 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
         for name in sorted(names)
         for path in (workspace.image_path(name), workspace.exposure_path(name))
     ]
-    return [workspace.photoclinometry_path, *shape, *sorted(around), *images]
+    return [workspace.photoclinometry_path, *shape, *sorted(around), *directions, *images]
 
 
 def _shown(
@@ -115,4 +125,6 @@ def _shown(
         image: image_strip(workspace, content, maplet, image, beyond, around)
         for image in worst_images(one)[:_MOST_IMAGES]
     }
-    return SolvedMaplet(maplet, why, strips)
+    path = slope_directions_path(workspace.maplet_path(name))
+    found = read_slope_directions(path, maplet.grid.half_size) if path.is_file() else None
+    return SolvedMaplet(maplet, why, strips, found)

@@ -13,6 +13,9 @@ from spcola.errors import FormatError
 
 # Residuals are drawn up to so many times the median residual of a maplet's images.
 _DRAWN_SIGMAS = 3.0
+_HEADS = (
+    "options", "outcomes", "residual_start", "residual", "shift_m", "photometry_ratios", "findings",
+)  # fmt: skip
 _FITS = ("used", "not-seen", "contradicts", "sun-reversed")
 _SHARED = ("residual", "noise_ratio", "correlation", "shift_px", "shift_m")
 _OF_MAPLETS = ("outcome", "residual_start", *_SHARED, "sigma_m")
@@ -55,7 +58,8 @@ def goodness_index(content: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        `options`, `outcomes`, `residual_start`, `residual`, `shift_m`, `findings` as they are;
+        `options`, `outcomes`, `residual_start`, `residual`, `shift_m`, `photometry_ratios` (None
+        in solutions of former versions) and `findings` as they are;
         `maplets`: `name`, `outcome`, goodness of fit (`residual`, `noise_ratio`, `correlation`,
         `shift_px`, `shift_m`), `sigma_m`, changes of the last round (`height_m`, `albedo`),
         numbers of images by fit (`used`, `not_seen`, `contradicts`, `sun_reversed`) and the `codes`
@@ -63,9 +67,8 @@ def goodness_index(content: Mapping[str, Any]) -> dict[str, Any]:
         numbers of maplets. What is not known is None.
     """
     codes = _codes(content["findings"])
-    heads = ("options", "outcomes", "residual_start", "residual", "shift_m", "findings")
     return {
-        **{key: content.get(key) for key in heads},
+        **{key: content.get(key) for key in _HEADS},
         "maplets": [
             _maplet_row(name, one, codes[name]) for name, one in content["maplets"].items()
         ],

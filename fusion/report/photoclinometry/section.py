@@ -71,7 +71,7 @@ def solved_section(solved: SolvedMaplets) -> str:
         f"<p>{len(index['maplets'])} maplets: {counts}. Residual of brightness "
         f"{_percent(index['residual_start'])} % at the start, {_percent(index['residual'])} % at "
         f"the end (median). Images lie {_decimals(3)(index['shift_m'])} m from where their states "
-        "say (root mean square over maplets and images, on the ground).</p>"
+        f"say (root mean square over maplets and images, on the ground).</p>{_function(index)}"
     )
     about = (
         "<p>Residual: robust standard deviation of an image about what is expected, relative, and "
@@ -86,6 +86,21 @@ def solved_section(solved: SolvedMaplets) -> str:
     return (
         f"{intro}{_findings(index['findings'])}<h3>Goodness of fit of the maplets</h3>{about}"
         f"{maplets}<h3>Goodness of fit of the images</h3>{images}{_heading(solved)}{views}"
+    )
+
+
+def _function(index: _Row) -> str:
+    """Return the photometric function, and how images fit with others."""
+    used = f"Photometric function: {escape(index['options']['photometry'])}"
+    ratios = index["photometry_ratios"]
+    if not ratios:
+        return f"<p>{used}; not compared with others.</p>"
+    others = ", ".join(
+        f"{escape(name)} {_decimals(2)(ratio)}" for name, ratio in sorted(ratios.items())
+    )
+    return (
+        f"<p>{used}. Residual of brightness with others, over that with it, on a coarse grid "
+        f"(median): {others}. Below 0.95 another one fits better.</p>"
     )
 
 
@@ -145,7 +160,10 @@ def _view(one: SolvedMaplet, content: _Row) -> str:
     name = escape(one.maplet.name)
     why = f": {escape(one.why)}" if one.why else ""
     figure = html_figure(
-        solved_figure(one.maplet, content["rounds"]), _caption(content), f"solved {name}", "png"
+        solved_figure(one.maplet, content["rounds"], one.directions),
+        _caption(content),
+        f"solved {name}",
+        "png",
     )
     strips = "".join(
         _strip(image, content["images"][image], strip_uri(codes))

@@ -16,8 +16,11 @@ from solved_workspace import FAR, MAPLET, REVERSED
 
 from fusion.report.layout.sortable import sortable_table
 from fusion.report.photoclinometry import goodness_index, image_strip, strip_png
+from fusion.report.photoclinometry.figure import solved_figure
+from fusion.report.photoclinometry.gather import gather_solved, solved_inputs
 from fusion.report.photoclinometry.goodness import chosen_maplets
 from fusion.workspace import Workspace
+from spcola.formats.slope_directions import slope_directions_path
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +58,39 @@ def test_the_report_is_made_anew_when_an_image_changes(report) -> None:
     image.unlink()
     image.write_bytes(content)
     assert called("report", root)["state"] == "ran"
+
+
+def test_the_report_compares_photometric_functions(report) -> None:
+    root, page = report
+    assert "<p>Photometric function: lambert; not compared with others.</p>" in page
+    workspace = Workspace.open(root)
+    content = workspace.read_json("photoclinometry.json")
+    content["photometry_ratios"] = {"lunar-lambert": 0.968, "lommel-seeliger": 1.25}
+    workspace.photoclinometry_path.unlink()
+    workspace.write_json("photoclinometry.json", content)
+    assert called("report", root)["state"] == "ran"
+    found = workspace.report_path.read_text(encoding="utf-8")
+    assert "coarse grid (median): lommel-seeliger 1.25, lunar-lambert 0.97." in found
+
+
+def test_a_figure_has_the_directions_of_slopes(solved) -> None:
+    workspace = Workspace.open(solved[0])
+    (shown,) = gather_solved(workspace).shown
+    assert shown.directions is not None
+    share = solved[1]["maplets"][MAPLET]["directions"]
+    counts = np.bincount(shown.directions.count.ravel(), minlength=3)
+    np.testing.assert_allclose(counts / counts.sum(), share)
+    path = slope_directions_path(workspace.maplet_path(MAPLET))
+    assert path in solved_inputs(workspace)
+    titles = [
+        [panel.get_title(loc="left") for panel in solved_figure(shown.maplet, [], which).axes]
+        for which in (shown.directions, None)
+    ]
+    assert [one.count("directions") for one in titles] == [1, 0]
+    figure = solved_figure(shown.maplet, [], shown.directions)
+    (panel,) = (one for one in figure.axes if one.get_title(loc="left") == "directions")
+    # Seen as an image: rows run along Ux.
+    np.testing.assert_array_equal(panel.images[0].get_array(), shown.directions.count.T)
 
 
 def test_a_strip_shows_image_rendering_and_residual(solved) -> None:

@@ -59,3 +59,9 @@ def test_a_file_of_another_size_is_refused(tmp_path):
     path.write_bytes(BYTES[:-1])
     with pytest.raises(FormatError, match="31 bytes, 32 belong to q = 1"):
         read_slope_directions(path, 1)
+
+
+def test_points_have_the_fewest_directions_around():
+    count = np.array([[2, 1], [2, 0]], dtype=np.int8)
+    found = SlopeDirections(count, np.where(count == 1, 30.0, np.nan))
+    np.testing.assert_array_equal(found.count_at_points, [[2, 1, 1], [2, 0, 0], [2, 0, 0]])

@@ -53,6 +53,7 @@ class SolvedIndex(Form):
     residual_start: Number
     residual: Number
     shift_m: Number
+    photometry_ratios: dict[str, Number] | None = None
     findings: list[Outliers]
     maplets: list[GoodnessOfMaplet]
     images: list[Goodness]

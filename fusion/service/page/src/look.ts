@@ -2,7 +2,7 @@
 import type { ColormapName } from "./colormaps";
 import { element, fill } from "./dom";
 import { number } from "./format";
-import { CHOICES, colormapOf, isSource, layerLegend, type LayerAbout } from "./layers";
+import { CHOICES, codesOf, colormapOf, layerLegend, type LayerAbout } from "./layers";
 
 export interface Look {
   layer: LayerAbout;
@@ -14,7 +14,7 @@ export interface Look {
 
 const TITLES: Record<string, string> = {
   height: "Height", sigma: "Sigma", hillshade: "Hill-shade", albedo: "Albedo", count: "Counts", source: "Source",
-  difference: "Height difference", slope: "Slope", radius: "Radius",
+  difference: "Height difference", slope: "Slope", directions: "Directions of slopes", radius: "Radius",
 };
 
 /** Return the heading of a layer. */
@@ -77,7 +77,7 @@ export class LookControls {
     this.low.value = number(range[0], 4).replace("−", "-");
     this.high.value = number(range[1], 4).replace("−", "-");
     const plain = layer.name === "hillshade";
-    const fixed = plain || isSource(layer);
+    const fixed = plain || codesOf(layer) !== null;
     fill(
       this.root,
       labelled("Layer", this.layerChoice()),

@@ -23,7 +23,7 @@ class LayerKind:
     rule : Rule
         How a level is made of grid points.
     colours : str
-        Name of a Matplotlib colour map; "source" for the colours of sources.
+        Name of a Matplotlib colour map; "source" and "directions" for the colours of codes.
     range : {"percentiles", "symmetric", "from zero", "fixed"}
         How the range of colours follows from the values: their 0.5th and 99.5th percentile; the
         98th of their sizes on both sides of 0; 0 and the 99.5th percentile; the same for all.
@@ -59,6 +59,10 @@ LAYERS: Mapping[str, LayerKind] = {
     "slope": LayerKind(
         "angle between the ground, from neighbouring grid points, and the plane of the grid",
         "°", Rule.MEAN, "cividis", "fixed", (0.0, 60.0),
+    ),
+    "directions": LayerKind(
+        "in how many directions images determine the slope: fewest of the cells around a point",
+        "", Rule.NEAREST, "directions", "fixed", (0.0, 2.0),
     ),
 }  # fmt: skip
 """All layers by name. The colour maps remain distinct for colour-blind readers."""

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fusion.fusing.maplets import Source
-from fusion.report.layout import SOURCE_COLOURS
+from fusion.report.layout import CODED_COLOURS
 from fusion.service.views.surfaces.layers import LAYERS
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
@@ -82,10 +82,10 @@ def _palette(colours: str) -> bytes:
     import matplotlib as mpl  # noqa: PLC0415
     from matplotlib.colors import to_rgb  # noqa: PLC0415
 
-    if colours == "source":
+    if colours in CODED_COLOURS:
         # Source 0 … 4 take codes 1, 64.5, … 255: each colour fills its part of the codes.
-        steps = np.rint(np.arange(255) / 254 * (len(SOURCE_COLOURS) - 1)).astype(int)
-        table = np.array([to_rgb(colour) for colour in SOURCE_COLOURS])[steps]
+        known = np.array([to_rgb(colour) for colour in CODED_COLOURS[colours]])
+        table = known[np.rint(np.arange(255) / 254 * (len(known) - 1)).astype(int)]
     else:
         table = mpl.colormaps[colours](np.linspace(0.0, 1.0, 255))[:, :3]
     return bytes(3) + np.rint(255.0 * table).astype(np.uint8).tobytes()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,6 +14,7 @@ from fusion.service.views.surfaces.cache import LayerCache, Stamp, stamp_of
 from spcola.arrays import AnyArray, FloatArray
 from spcola.formats.map_store import MapStore
 from spcola.formats.maplets import MapParts, sigma_path
+from spcola.formats.slope_directions import read_slope_directions, slope_directions_path
 from spcola.grids import Maplet, MapletGrid, project_maplet
 
 Index = tuple[Any, Any]
@@ -45,7 +47,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MapSource:
-    """A .MAP file with its sigma companion."""
+    """A .MAP file with its companions of sigmas and of directions of slopes."""
 
     parts: MapParts
     stamp: Stamp
@@ -53,7 +55,8 @@ class MapSource:
     @classmethod
     def open(cls, path: Path) -> MapSource:
         """Open the .MAP file `path`."""
-        files = [each for each in (path, sigma_path(path)) if each.is_file()]
+        all_files = (path, sigma_path(path), slope_directions_path(path))
+        files = [each for each in all_files if each.is_file()]
         return cls(MapParts.open(path), stamp_of(*(files or [path])))
 
     @property
@@ -64,11 +67,21 @@ class MapSource:
     @property
     def layers(self) -> tuple[str, ...]:
         """Layers of the files."""
-        return ("height", "albedo", "sigma") if self.parts.has_sigma else ("height", "albedo")
+        more = [("sigma", self.parts.has_sigma), ("directions", self._directions_path.is_file())]
+        return ("height", "albedo", *(name for name, there in more if there))
 
-    def read(self, layer: str, index: Index) -> FloatArray:
+    def read(self, layer: str, index: Index) -> AnyArray:
         """Return part of a layer."""
-        return self.parts.read(layer, index)
+        return self._directions[index] if layer == "directions" else self.parts.read(layer, index)
+
+    @property
+    def _directions_path(self) -> Path:
+        return slope_directions_path(self.parts.path)
+
+    @cached_property
+    def _directions(self) -> FloatArray:
+        found = read_slope_directions(self._directions_path, self.grid.half_size)
+        return found.count_at_points.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from solved_workspace import FAR, MAPLET, REVERSED
 
@@ -16,8 +17,10 @@ from fusion.service.views.photoclinometry import (
     solved_maplet,
     solved_picture,
 )
+from fusion.service.views.surfaces import SurfaceKind, colours_of, open_surface, value_at
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
+from spcola.formats.slope_directions import read_slope_directions, slope_directions_path
 
 
 @pytest.fixture
@@ -51,6 +54,22 @@ def test_pictures_and_their_tags(workspace) -> None:
     tags = {solved_etag(workspace, MAPLET, image) for image in ("I0", "I1")}
     assert len(tags) == 2
     assert solved_picture(workspace, MAPLET, "I0")[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_a_solved_maplet_has_the_directions_of_slopes_as_a_layer(workspace) -> None:
+    surface = open_surface(workspace, SurfaceKind.MAPLET, MAPLET)
+    assert "directions" in surface.layers
+    size = (0, surface.grid.size)
+    values = surface.window("directions", rows=size, columns=size)
+    path = slope_directions_path(workspace.maplet_path(MAPLET))
+    found = read_slope_directions(path, surface.grid.half_size)
+    np.testing.assert_array_equal(values, found.count_at_points.T)
+    assert surface.range("directions") == (0.0, 2.0)
+    value = value_at(surface, 0.0, 0.0)["layers"]["directions"]
+    assert value == found.count_at_points[surface.grid.half_size, surface.grid.half_size]
+    table = np.array(colours_of("directions"))
+    np.testing.assert_array_equal(table[[0, 127, 254]], [[187] * 3, [230, 159, 0], [0, 114, 178]])
+    assert "directions" not in open_surface(workspace, SurfaceKind.MAPLET, FAR).layers
 
 
 def test_what_is_not_there_is_named(workspace) -> None:

@@ -71,6 +71,8 @@ function index(found: SolvedIndex, route: Route): HTMLElement[] {
       ...Object.entries(found.outcomes).map(([outcome, n]): [string, Child] => [outcome, count(n)]),
       ["residual of brightness", `${percent(found.residual_start)} → ${percent(found.residual)}`],
       ["images shifted by (rms)", metres(found.shift_m)],
+      ["photometric function", found.options.photometry],
+      ...otherFunctions(found),
     ]),
     findingList(found.findings, link),
     element("h2", {}, "Goodness of fit of maplets"),
@@ -87,6 +89,12 @@ function index(found: SolvedIndex, route: Route): HTMLElement[] {
       worst(found.images),
     ),
   ];
+}
+
+/** How images fit with other photometric functions, where they were compared. */
+function otherFunctions({ photometry_ratios: ratios }: SolvedIndex): [string, Child][] {
+  const shown = Object.entries(ratios ?? {}).map(([name, ratio]) => `${name} ${fixed(ratio, 2)}`);
+  return shown.length ? [["residual with others, coarse grid (below 0.95 another fits better)", shown.sort().join(", ")]] : [];
 }
 
 /** Return the columns that maplets and images share; those that are rarely needed if anything is in them. */

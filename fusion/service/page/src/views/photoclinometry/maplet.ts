@@ -18,9 +18,11 @@ interface Surface {
   layers: LayerAbout[];
 }
 
-const LAYERS = ["hillshade", "albedo", "sigma"];
+const LAYERS = ["hillshade", "albedo", "sigma", "directions"];
 // Pictures that are asked for at once.
 const AT_ONCE = 4;
+// Maplets around that are named.
+const NAMED = 6;
 const LEAST_CHANGE = 1e-6;
 
 /** Fill the view of a maplet; it returns when all pictures are there. */
@@ -55,6 +57,13 @@ function openAxis({ undetermined_azimuth_deg: azimuth }: SolvedMaplet): [string,
   return azimuth == null ? [] : [["slopes not determined along azimuth", degrees(azimuth, 0)]];
 }
 
+/** Those that hid and shaded the ground when it was solved, as they do in renderings. */
+function around({ around: names }: SolvedMaplet): [string, string][] {
+  if (!names?.length) return [];
+  const more = names.length > NAMED ? ` and ${names.length - NAMED} more` : "";
+  return [["maplets around that hide and shade it", names.slice(0, NAMED).join(", ") + more]];
+}
+
 function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: string, inUse: boolean): HTMLElement[] {
   const share = (k: number): string => `${fixed(100 * (found.directions[k] ?? 0), 0)} %`;
   const index = hrefOf(workspace, "photoclinometry", [], { solution: found.solution });
@@ -80,6 +89,7 @@ function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: s
       ["sigma of the relative albedo", fixed(found.albedo_sigma ?? null, 3)],
       ["slopes determined in 2, 1, 0 directions", `${share(2)}, ${share(1)}, ${share(0)}`],
       ...openAxis(found),
+      ...around(found),
     ]),
     element("p", {}, `${found.reason}.`),
     ...(found.findings.length ? [findingList(found.findings, (name) => name)] : []),

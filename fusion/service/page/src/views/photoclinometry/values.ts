@@ -35,6 +35,8 @@ export interface SolvedIndex {
   residual_start: number | null;
   residual: number | null;
   shift_m: number | null;
+  options: { photometry: string };
+  photometry_ratios?: Record<string, number | null> | null;
   findings: Outliers[];
   maplets: GoodnessOfMaplet[];
   images: Goodness[];
@@ -75,6 +77,7 @@ export interface SolvedMaplet {
   albedo_sigma?: number | null;
   directions: number[];
   undetermined_azimuth_deg?: number | null;
+  around?: string[] | null;
   light_ratio: number | null;
   shift_ratio: number | null;
   gsd_m: number;
