@@ -69,6 +69,19 @@ def test_a_solution_holds_what_changed_and_shares_the_rest(workspace: Workspace)
     assert not new.maplet_path("AA0002").samefile(workspace.maplet_path("AA0002"))
 
 
+def test_files_of_other_solutions_have_names_of_their_own(workspace: Workspace) -> None:
+    one, other = (replace(workspace, solution=name) for name in ("one", "other"))
+    names = {one.relative(each.maplet_path("AA0001")) for each in (workspace, one, other)}
+    assert names == {
+        "MAPFILES/AA0001.MAP", "../../MAPFILES/AA0001.MAP", "../other/MAPFILES/AA0001.MAP",
+    }  # fmt: skip
+    for each in (workspace, one, other):
+        path = each.maplet_path("AA0001")
+        assert one.path_of(one.relative(path)).resolve() == path.resolve()
+    # All solutions share the pixels.
+    assert one.relative(one.exposure_path("I0")) == "IMAGEFILES/I0.DAT"
+
+
 def test_settings_of_a_solution_hold_in_it_alone(workspace: Workspace) -> None:
     constants = {"spin": {"meridian_deg": 45.61}}
     with making_solution(workspace, "spun", MadeBy("a test", constants, {}, {})):

@@ -140,6 +140,8 @@ def test_the_result_states_how_each_maplet_and_image_fits(mission, solved):
         key.removeprefix("maplets[].") for key in PHOTOCLINOMETRY_KEYS if key.startswith("maplets[")
     }
     assert one["residual"] < 0.6 * one["residual_start"]
+    # The shape stands for the maplets around.
+    assert one["around"] == []
     assert sum(one["directions"]) == pytest.approx(1.0)
     space = Workspace.open(mission[0], "images")
     maplet = space.maplet(SOME[0])
