@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -43,6 +44,8 @@ PHOTOMETRY_KEYS = {
     "filters[].functions[].scale": "with `calibrated` λ, else null: of images in I/F the normal "
     "albedo of ground whose albedo is 1 in the maplets; so `scale_sigma`",
     "filters[].functions[].residual_std": "robust, over the mean brightness of an image",
+    "filters[].functions[].slope_error_deg": "error of the slopes of blocks by which residuals "
+    "scatter; sigmas contain a quarter of it as common to all places",
     "filters[].functions[].worse_by": "χ² above that of the preferred one, standard deviations",
 }
 
@@ -149,6 +152,7 @@ def _function_json(standing: Standing, whole: PhotometricFunction) -> dict[str, 
         "scale": None if fit.scale is None else fit.scale[0],
         "scale_sigma": None if fit.scale is None else fit.scale[1],
         "residual_std": fit.spread,
+        "slope_error_deg": math.degrees(fit.slope_sigma),
         "chi_square": standing.chi_square,
         "aic": standing.aic,
         "bic": standing.bic,

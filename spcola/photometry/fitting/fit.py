@@ -17,6 +17,7 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.math.robust import TUKEY, biweight, huber_weight, mad
 from spcola.photometry.fitting.samples import PhotometricSamples
+from spcola.photometry.fitting.slope_errors import common_errors, slope_error, slope_response
 from spcola.photometry.functions import PhotometricFunction
 
 _MOST_ROUNDS = 60
@@ -57,7 +58,8 @@ class PhotometricFit:
     function : PhotometricFunction
         With the fitted parameters.
     covariance : (P, P) ndarray
-        Of the parameters; errors that are common to the samples of one place are included.
+        Of the parameters; errors that are common to the samples of one place are included, and
+        the share of errors by slopes that is common to all places.
     doubts : dict
         Parameters that are not to be relied on: name to code and text.
     spread : float
@@ -68,6 +70,8 @@ class PhotometricFit:
         Samples for an independent one.
     converged : bool
     iterations : int
+    slope_sigma : float
+        Error of the slopes of blocks, radians, by the scatter of the residuals.
     scale : (2,) of float, optional
         λ where it is common to all images, and its standard deviation: brightness of ground of
         relative albedo 1 at normal incidence and emission and phase 0.
@@ -81,6 +85,7 @@ class PhotometricFit:
     design_effect: float
     converged: bool
     iterations: int
+    slope_sigma: float
     scale: tuple[float, float] | None = None
 
     @property
@@ -255,6 +260,9 @@ def _judged(
     if not converged or int(samples.place.max()) + 1 < _PLACES * len(design):
         # Too few places for a matrix of their own.
         meat = effect * information
+    slope_sigma, common = _slope_errors(samples, function, point)
+    shift = design @ (weight * common / spread).T
+    meat = meat + shift @ shift.T
     covariance = _posterior(information, meat)
     doubts = _doubts(function, covariance[:count, :count])
     scaled = prior[:, None] * covariance * prior
@@ -265,8 +273,22 @@ def _judged(
         scale = level * float(point.scale[0]), level * sigma
     return PhotometricFit(
         function, scaled[:count, :count], doubts, spread, point.residual, effect, converged,
-        rounds, scale,
+        rounds, slope_sigma, scale,
     )  # fmt: skip
+
+
+def _slope_errors(
+    samples: PhotometricSamples, function: PhotometricFunction, point: _Point
+) -> tuple[float, FloatArray]:
+    """Return the error of slopes, radians, and errors (4, N) that are common to all places."""
+    each = point.scale[samples.image]
+    fitted, response = each * point.model, each * slope_response(samples, function)
+    # The error of albedo that a place has in all images would hide that of slopes.
+    square = np.bincount(samples.place, fitted**2)
+    places = np.bincount(samples.place, fitted * point.residual) / square
+    within = point.residual - places[samples.place] * fitted
+    sigma = slope_error(within, fitted, response)
+    return sigma, common_errors(samples, response, sigma)
 
 
 def _clustered(samples: PhotometricSamples, rows: FloatArray, pull: FloatArray) -> FloatArray:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from astropy.io import fits
 from command_line import call, called, refused
 from photographs import WAVES, Painted
+from scipy.ndimage import gaussian_filter
 
-from fusion.workspace import new_workspace
+from fusion.workspace import Workspace, new_workspace
 from spcola.camera.instrument import Instrument
 from spcola.formats.cameras import write_cameras
 from spcola.formats.maplets import write_maplet
@@ -37,6 +39,8 @@ NOISE = 2e-4
 """Of the images, I/F."""
 ALBEDO_ERROR = 0.05
 """Of the maplets, which are grey."""
+ROUGH = 0.1
+"""Of heights of maplets whose slopes are wrong, metres, correlated over three cells."""
 GIVEN = [
     part for name in ("akimov-phase", "lambert", "lommel-seeliger", "minnaert")
     for part in ("--function", name)
@@ -171,6 +175,29 @@ def test_the_scale_is_printed_and_a_filter_by_itself_is_the_same(root, fitted):
     printed = call(*given).stdout
     assert f"λ = {entry['scale']:.6g} ± {entry['scale_sigma']:.2g}" in printed
     assert "known are BLUE, RED" in refused(*given[:-1], "GREEN")
+
+
+def test_sigmas_contain_the_errors_of_slopes_of_the_maplets(root, fitted, tmp_path):
+    """The same images over maplets that are smoothed and noisy."""
+    copy, rng = tmp_path / "WS", np.random.default_rng(5)
+    shutil.copytree(root, copy)
+    made = Workspace.open(copy)
+    for name in made.maplet_names():
+        maplet = made.maplet(name)
+        rough = gaussian_filter(rng.normal(size=maplet.grid.shape), 1.5)
+        height = gaussian_filter(maplet.height, 1.5) + ROUGH * rough / rough.std()
+        write_maplet(made.maplet_path(name), replace(maplet, height=height))
+    content = called("photometry", "fit", copy, *GIVEN, "--calibrated")
+    for found, right in zip(content["filters"], fitted[1]["filters"], strict=True):
+        (entry, truth), (true_one, _) = planted_one(found), planted_one(right)
+        assert true_one["slope_error_deg"] < 1.0 < 2.5 < entry["slope_error_deg"] < 5.0
+        assert entry["scale_sigma"] > 1.5 * true_one["scale_sigma"]
+        albedo = PLANTED[found["filter"]][1]
+        assert abs(entry["scale"] - albedo) < 2.5 * entry["scale_sigma"]
+        for name, value in truth.items():
+            one, before = entry["parameters"][name], true_one["parameters"][name]
+            assert one["sigma"] > 1.5 * before["sigma"]
+            assert abs(one["value"] - value) < 2.5 * one["sigma"], (found["filter"], name)
 
 
 def test_the_most_images_of_a_maplet_are_counted_for_each_filter(root):

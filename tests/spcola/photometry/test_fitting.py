@@ -15,6 +15,7 @@ from spcola.photometry.fitting import (
     fit_function,
     sample_blocks,
 )
+from spcola.photometry.fitting.slope_errors import slope_error, slope_response
 from spcola.photometry.functions import PhotometricFunction, photometric_function
 from spcola.photometry.ortho_image import View
 
@@ -28,8 +29,12 @@ def planted(
     noise: float = 0.02,
     common: float = 0.03,
     tilt: float = 0.5,
+    wrong: float = 0.0,
 ) -> PhotometricSamples:
-    """24 images of places whose points face about up; an albedo error is common to a place."""
+    """24 images of places whose points face about up; an albedo error is common to a place.
+
+    Cosines are those of normals that are wrong by that angle, common to all images.
+    """
     rng = np.random.default_rng(seed)
     suns = np.radians(rng.uniform([0, 5], [360, 60], (24, 2)))
     eyes = np.radians(rng.uniform([0, 0], [360, 50], (24, 2)))
@@ -37,16 +42,21 @@ def planted(
     place = np.tile(np.repeat(np.arange(PLACES), EACH), 24)
     normal = np.random.default_rng(1).normal(0.0, tilt, (PLACES * EACH, 3))
     normal += [0.0, 0.0, 1.0]
-    normal = np.tile(normal / np.linalg.norm(normal, axis=1, keepdims=True), (24, 1))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    given = normal + wrong * np.random.default_rng(seed + 1000).normal(size=normal.shape)
+    given /= np.linalg.norm(given, axis=1, keepdims=True)
+    normal, given = (np.tile(one, (24, 1)) for one in (normal, given))
     sun, eye = (
         np.stack([np.cos(a) * np.sin(z), np.sin(a) * np.sin(z), np.cos(z)], axis=1)[image]
         for a, z in (suns.T, eyes.T)
     )
-    cosines = np.stack([np.sum(normal * sun, axis=1), np.sum(normal * eye, axis=1)])
+    true, cosines = (
+        np.stack([np.sum(one * sun, axis=1), np.sum(one * eye, axis=1)]) for one in (normal, given)
+    )
     phase = np.arccos(np.clip(np.sum(sun * eye, axis=1), -1, 1))
-    good = (cosines > 0.25).all(axis=0)
+    good = (cosines > 0.25).all(axis=0) & (true > 0.25).all(axis=0)
     albedo = 1.0 + rng.normal(0.0, common, PLACES)[place]
-    bright = albedo * phi(*cosines, phase) * rng.uniform(50, 500, 24)[image]
+    bright = albedo * phi(*true, phase) * rng.uniform(50, 500, 24)[image]
     bright = bright[good]
     level = np.bincount(image[good], bright) / np.bincount(image[good])
     bright = bright / level[image[good]] + rng.normal(0.0, noise, bright.size)
@@ -88,6 +98,54 @@ def test_sigmas_are_those_of_the_errors() -> None:
         pulls.append((np.array(found.function.values) - phi.values) / found.sigma)
     assert 0.8 < np.std(pulls) < 1.25
     assert np.abs(np.mean(pulls, axis=0)).max() < 3.0 / np.sqrt(40)
+
+
+@pytest.mark.parametrize("wrong", [0.03, 0.06, 0.1])
+def test_sigmas_contain_what_wrong_slopes_do_to_all_places_alike(wrong: float) -> None:
+    """Brightness over wrong slopes has less contrast: k comes out too small, everywhere."""
+    phi = photometric_function("minnaert k=0.7 k_slope=0.002")
+    pulls, seen, sigmas = [], [], []
+    for seed in range(12):
+        found = fit_function(planted(phi, seed, wrong=wrong), photometric_function("minnaert"))
+        pulls.append((np.array(found.function.values) - phi.values) / found.sigma)
+        seen.append(found.slope_sigma)
+        sigmas.append(found.sigma[0])
+    assert np.mean(seen) == pytest.approx(wrong, rel=0.1)
+    rms = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert 0.3 < rms.min() < rms.max() < 1.2
+    right = fit_function(planted(phi), photometric_function("minnaert"))
+    assert right.slope_sigma < 0.005
+    assert np.mean(sigmas) > 2.0 * right.sigma[0]
+
+
+def test_slope_errors_are_separated_from_noise_and_albedo() -> None:
+    rng = np.random.default_rng(3)
+    fitted, response = rng.uniform(0.3, 1.5, 5000), rng.uniform(0.0, 2.0, 5000)
+    other = rng.normal(0.0, 0.01, 5000) + fitted * rng.normal(0.0, 0.02, 5000)
+    residual = other + response * rng.normal(0.0, 0.03, 5000)
+    residual[::50] += 1.0
+    assert slope_error(residual, fitted, response) == pytest.approx(0.03, rel=0.1)
+    assert slope_error(other, fitted, response) < 0.005
+    assert slope_error(0.0 * other, fitted, response) < 1e-6
+
+
+def test_the_response_is_that_to_the_steepest_tilt() -> None:
+    """Against differences between normals that are tilted in all directions, of two albedos."""
+    phi = photometric_function("minnaert k=0.7 k_slope=0.002")
+    sun, eye = np.array([[0.5, 0.1, 0.86], [-0.2, 0.6, 0.77]])
+    sun, eye = sun / np.linalg.norm(sun), eye / np.linalg.norm(eye)
+    phase = np.arccos(sun @ eye)
+    turns = np.radians(np.arange(360.0))
+    tilt = 1e-5 * np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=1)
+    normal = tilt + np.array([0.0, 0.0, 1.0])
+    away = phi(normal @ sun, normal @ eye, np.full(360, phase)) - phi(sun[2], eye[2], phase)
+    two = np.ones(2)
+    samples = PhotometricSamples(
+        two, np.zeros(2, dtype=int), np.arange(2), np.arange(2),
+        np.outer([sun[2], eye[2]], two), phase * two, np.array([1.0, 2.0]),
+    )  # fmt: skip
+    steepest = away.max() / 1e-5
+    assert slope_response(samples, phi) == pytest.approx([steepest, 2.0 * steepest], rel=1e-3)
 
 
 def test_the_function_with_which_it_was_made_is_preferred() -> None:
