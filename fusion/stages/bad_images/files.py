@@ -10,6 +10,7 @@ from fusion.stages.register import ImageScene
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
 from spcola.errors import WorkspaceError
+from spcola.formats.images.depth import bytes_by_content
 
 __all__ = ["no_usable_image", "with_right_sizes"]
 
@@ -17,7 +18,9 @@ __all__ = ["no_usable_image", "with_right_sizes"]
 def with_right_sizes(scene: ImageScene) -> tuple[ImageScene, dict[str, str]]:
     """Return a scene without images whose file does not have the size of their .SUM, and these.
 
-    Files are not read: one is found before the first ground that would need it.
+    They are found before the first ground that would need one, by the lengths of the files, and by
+    a few lines of them: half of an image, and one of twice as many pixels, may fit the .SUM with
+    another number of bytes a pixel.
 
     Parameters
     ----------
@@ -38,15 +41,27 @@ def _wrong_sizes(workspace: Workspace, images: Iterable[SpcImage]) -> dict[str, 
     """Return the images, with a file in IMAGEFILES, of another size than their .SUM states."""
     found = dict[str, str]()
     for image in images:
-        length = workspace.exposure_path(image.name).stat().st_size
-        width, height = image.size
+        path = workspace.exposure_path(image.name)
+        length, (width, height) = path.stat().st_size, image.size
         # One or two bytes a pixel.
         if length not in (width * height, 2 * width * height):
             found[image.name] = (
                 f"{length} bytes, where {width} × {height} pixels need {width * height} or twice "
                 "that"
             )
+        elif bytes_by_content(path, width, height) not in (0, length // (width * height)):
+            found[image.name] = _wrong_depth(length, width, height)
     return found
+
+
+def _wrong_depth(length: int, width: int, height: int) -> str:
+    """Return what a file is taken for, by its length, and what it seems to be."""
+    taken, seems = ("one byte", "two bytes") if length == width * height else ("two bytes", "one")
+    pixels = length if seems == "one" else length // 2
+    return (
+        f"{length} bytes, {taken} for each of {width} × {height} pixels, but they look like "
+        f"{pixels} pixels of {seems}: NPX and NLN of another image, or half of the file is missing"
+    )
 
 
 def no_usable_image(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from command_line import call, called, refused
 from photographs import Painted
+from scipy import ndimage
 from solved_workspace import SIGHTS
 
 from fusion.stages.bad_images.findings import state_findings, unusable
@@ -164,6 +165,44 @@ def test_suns_that_are_all_negated_are_named_before_the_maplet_without_images(ro
     assert "the vector to the Sun has the wrong sign" in named[0]
     too_few = next(k for k, line in enumerate(lines) if "too-few-images:" in line)
     assert lines.index(named[0]) < too_few
+
+
+def test_files_of_another_depth_than_their_length_lets_expect_are_named(root, photographs):
+    workspace = Workspace.open(root)
+    half, twice = GOOD[:2]
+    path = workspace.exposure_path(half)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    # Eight bits, and NLN of another image.
+    wide = ndimage.zoom(photographs[1].pixels, 2, order=1) // 100
+    write_image_data(workspace.exposure_path(twice), wide[::2].astype(np.uint8))
+    content = called("spc", "lithos", root, *RUN, "--only", MAPLET)
+    assert codes(content)["image-size"] == [half, twice]
+    assert (
+        "4096 bytes, one byte for each of 64 × 64 pixels, but they look like 2048 pixels of two"
+        in (content["findings"][0]["do"])
+    )
+    assert set(content["maplets"][MAPLET]["images"]) == set(GOOD[2:])
+    assert codes(called("spc", "albedo", root, "--only", MAPLET, *EVEN))["image-size"] == [
+        half,
+        twice,
+    ]
+    path.unlink()
+    shutil.copy(workspace.exposure_path(twice), path)
+    for other in GOOD[2:]:
+        workspace.exposure_path(other).unlink()
+    # The first image stands for all of them.
+    refusal = refused("spc", "lithos", root, *RUN)
+    assert "8192 bytes, two bytes for each of 64 × 64 pixels" in refusal
+    assert "look like 8192 pixels of one" in refusal
+
+
+def test_eight_bits_are_right_as_they_are(root, photographs):
+    workspace = Workspace.open(root)
+    for image in photographs:
+        eight = replace(image, pixels=(image.pixels // 100).astype(np.uint8), thresholds=(1, 254))
+        add_image(workspace, eight)
+    found = called("spc", "lithos", root, *RUN, "--only", MAPLET)
+    assert not found["findings"]
 
 
 @pytest.mark.parametrize(
