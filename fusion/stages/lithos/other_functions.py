@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fusion.runtime import Executor, Progress
 from fusion.runtime.remaining import Timed
+from fusion.stages.lithos.coarse import coarse_solution
 from fusion.stages.lithos.sources import LithosSources
 from spcola.arrays import FloatArray
-from spcola.grids import Maplet, project_maplet
 from spcola.photometry.functions import (
     PhotometricFunction,
     lambert,
     lommel_seeliger,
     lunar_lambert,
 )
-from spcola.photometry.photoclinometry import HeightConstraint
 
 # They darken towards the limb from not at all to most; others lie between.
 _FUNCTIONS = (lommel_seeliger, lunar_lambert, lambert)
-# Maplets that are compared, evenly chosen, and fewest of them; cells along a side of their grid;
-# most and fewest images of each. In so few seconds it shows what a whole solution would.
-_MAPLETS, _FEWEST_MAPLETS, _CELLS, _IMAGES, _FEWEST_IMAGES = 9, 3, 24, 12, 4
-# Points of the start that share one error.
-_COMMON = 100.0
+# Maplets that are compared, evenly chosen, and fewest of them; fewest images of each.
+_MAPLETS, _FEWEST_MAPLETS, _FEWEST_IMAGES = 9, 3, 4
 # Another function is better where its residual is below this part of that of the one in use, in the
 # median, and smaller in this share of the maplets. With the right one (lunar-lambert) others are at
 # 1.00 and above on `mini`, `bennu` and 67P; with Lambert's, which makes heights of `mini` 4.5 times
@@ -127,31 +123,5 @@ class _Residual:
     sources: LithosSources
 
     def __call__(self, asked: _Asked) -> float:
-        sources = self.sources
-        start = _coarse(sources.start(asked.name))
-        if not start.valid.any():
-            return float("nan")
-        shown = sources.showing(asked.name)
-        some = shown[:: -(-len(shown) // _IMAGES) or 1]
-        digests = {image.name: sources.digests.of(image) for image in some}
-        options = replace(
-            sources.options.photoclinometry.for_images(digests), function=asked.function,
-            levels=(1,),
-        )  # fmt: skip
-        around = HeightConstraint.of_sigma("start", start.height, start.grid.gsd, common=_COMMON)
-        states = {image: sources.images.states[image] for image in digests}
-        found = sources.from_images(
-            start, (), digests, sources.digests.shape, states, (around,), options
-        )
-        return found.rounds[-1].residual if found.rounds else float("nan")
-
-
-def _coarse(start: Maplet) -> Maplet:
-    """Return a start on the coarse grid, with albedo 1."""
-    coarser = max((start.grid.size - 1) / _CELLS, 1.0)
-    grid = start.grid.with_gsd(coarser * start.grid.gsd)
-    height = project_maplet(start, grid).height
-    return replace(
-        start, grid=grid, height=height, albedo=np.ones(grid.shape),
-        sigma=np.full(grid.shape, np.nan),
-    )  # fmt: skip
+        found = coarse_solution(self.sources, asked.name, asked.function)
+        return found.rounds[-1].residual if found is not None and found.rounds else float("nan")

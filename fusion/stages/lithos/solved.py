@@ -16,6 +16,7 @@ from fusion.stages.bad_images import image_findings
 from fusion.stages.lithos.constraint_findings import counted_twice
 from fusion.stages.lithos.fits import Summary
 from fusion.stages.lithos.options import LithosOptions
+from fusion.stages.lithos.orientations import orientation_findings
 from fusion.stages.lithos.other_functions import OtherFunctions
 from fusion.stages.lithos.result import LithosResult, content_of, summary_of
 from fusion.stages.lithos.sources import LithosSources
@@ -81,8 +82,10 @@ def lithos_solution(
     with making_solution(workspace, chosen, made_by) as folder:
         found = dict(_solved(sources, names, folder, executor, progress))
         use = sources.use({name: one.images for name, one in found.items()})
+        turned = list(orientation_findings(sources, found, executor, progress))
         others = OtherFunctions.compared(sources, names, executor, progress)
-        content = content_of(found, facts["lithos"], sources.heights.names, image_findings(use))
+        bad_images = [*turned, *image_findings(use)]
+        content = content_of(found, facts["lithos"], sources.heights.names, bad_images)
         content |= {"photometry_ratios": others.as_json()}
         content["findings"] += others.findings()
         if options.uses_lidar_with_maplets and (twice := LidarContent.of(workspace)):
