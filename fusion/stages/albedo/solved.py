@@ -31,7 +31,7 @@ from spcola import atomic
 from spcola.photometry.albedo import AlbedoOutcome
 
 # Raised whenever equal input gives another albedo.
-_VERSION = 2
+_VERSION = 3
 _STEM = "albedo"
 _COMMAND = "spcola spc albedo"
 # Where bigmaps with solved albedo lie.

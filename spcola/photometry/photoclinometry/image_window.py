@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import ndimage
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera import SpcImage, project_image
@@ -27,6 +28,10 @@ _RISE = 1e-3
 # Pixels are averaged in blocks of at most this side, cells: relief of a cell hardly varies in one,
 # and a pixel costs as much as a cell.
 _BLOCK = 0.75
+# Saturated pixels of a line or column that bloom, and pixels aside that their charge reaches: with
+# fringes of 1.8 and 1.3 times the brightness there, slopes of a plane with waves are wrong by 0.047
+# of theirs if these count, by 0.015 if not, as without blooming.
+_ROW, _SPILL = 3, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +74,8 @@ class ImageWindow:
     pixels : (H, W) ndarray
         Brightness in a window of the image, averaged over blocks of pixels.
     usable : (H, W) ndarray of bool
-        Blocks whose pixels are all between the image's thresholds: neither dark as shadow nor
-        saturated.
+        Blocks whose pixels are all between the image's thresholds, neither dark as shadow nor
+        saturated, and not next to a row of saturated ones.
     block : int
         Pixels along the side of a block; 1 where pixels are no finer than cells.
     u, v : (R, C) ndarrays
@@ -154,6 +159,8 @@ class ImageWindow:
         pixels = np.asarray(image.pixels[window], dtype=np.float64)
         low, high = image.thresholds
         usable = (pixels > low) & (pixels < high)
+        if light is None:
+            usable &= ~_bloomed(pixels >= high)
         raised = project_image(image, ground.raised)
         up = [
             (one - other) / (_RISE * grid.gsd)
@@ -277,6 +284,20 @@ def _span(place: FloatArray, size: int, block: int) -> slice:
     margin = _MARGIN * block
     first, last = max(int(place.min()) - margin, 0), min(int(place.max()) + margin, size)
     return slice(first, first + (last - first) // block * block)
+
+
+def _bloomed(saturated: BoolArray) -> BoolArray:
+    """Return the pixels (H, W) at or next to rows of saturated ones, whose charge spills over.
+
+    Single saturated pixels, as hot ones are, do not spill.
+    """
+    if not saturated.any():
+        return saturated
+    row = np.ones((1, _ROW), dtype=np.bool_)
+    rows = [ndimage.binary_opening(saturated, one) for one in (row, row.T)]
+    around = np.ones((2 * _SPILL + 1, 2 * _SPILL + 1), dtype=np.bool_)
+    found: BoolArray = ndimage.binary_dilation(rows[0] | rows[1], around)
+    return found
 
 
 def _in_blocks(layer: AnyArray, block: int) -> AnyArray:

@@ -22,6 +22,7 @@ from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
 from spcola.imagematching import ChoiceOptions
 from spcola.imagematching.frames.mistakes import BodyOutline
+from spcola.photometry.photoclinometry.surface import cell_slopes
 
 PLACE, NORMAL = np.array([80.0, 20.0, 10.0]), np.array([0.9, 0.3, 0.2])
 MAPLET, FAR = "AA0001", "AA0002"
@@ -220,6 +221,30 @@ def test_a_run_without_any_image_left_is_refused_and_writes_nothing(
     assert words in refused("spc", "lithos", root, *RUN)
     assert words in refused("spc", "albedo", root, *EVEN)
     assert not list(root.glob("solutions/*"))
+
+
+def bloomed(image, column):
+    """An image with 18 saturated pixels of a column, and fringes that are too bright."""
+    pixels, rows = image.pixels.astype(np.float64), slice(22, 40)
+    for aside, factor in ((1, 1.8), (2, 1.3)):
+        pixels[rows, [[column - aside], [column + aside]]] *= factor
+    pixels[rows, column] = 65535
+    return replace(image, pixels=np.rint(pixels).astype(np.uint16))
+
+
+def test_fringes_of_blooming_do_not_count(good, root, ground, photographs):
+    workspace, columns = Workspace.open(root), (22, 27, 31, 36, 41)
+    for image, column in zip(photographs, columns, strict=True):
+        add_image(workspace, image, lambda one, column=column: bloomed(one, column))
+    found = called("spc", "lithos", root, *RUN, "--only", MAPLET, "--as", "bloomed")
+    assert not found["findings"]
+    wrong = [
+        cell_slopes(Workspace.open(where, name).maplet(MAPLET).height - ground.heights(), 0.5)
+        for where, name in ((good[0], "right"), (root, "bloomed"))
+    ]
+    right, with_fringes = (np.sqrt(np.mean(one[:, 4:-4, 4:-4] ** 2)) for one in wrong)
+    # 1.31 times, as five columns of an image show nothing; 1.80 if fringes count.
+    assert with_fringes < 1.4 * right
 
 
 def test_dark_ground_of_an_image_that_is_lit_elsewhere_is_shadow(photographs, ground):
