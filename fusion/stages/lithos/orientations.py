@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,9 @@ from spcola.camera import SpcImage
 _FITS = 1.1
 # Most maplets that are compared, evenly chosen; fewest images of one; most cameras.
 _MAPLETS, _IMAGES, _CAMERAS = 5, 2, 2
+# Maplets that are compared first, and ratio of the residuals on these below which an orientation is
+# promising: without one the others are not compared, which saves most of the time.
+_FIRST, _PROMISING = 2, 0.8
 # Another orientation is better where its residual is below the first part of that of the images as
 # they are, in the geometric mean over the maplets, smaller in this share of them, below the last
 # part of that of the next one, and correlates so much. Of right images (67P, Vesta, the Moon, small
@@ -45,6 +48,8 @@ _Camera = tuple[tuple[int, int], str]
 _Cameras = tuple[_Camera, ...]
 _Fits = Mapping[str, tuple[float, float]]
 """Logarithm of the residual, and correlation, by the names of images on a maplet."""
+_AllFits = dict[_Cameras, dict[Turn, list[_Fits]]]
+"""Of each maplet that was compared, by the cameras whose images were turned, and how."""
 
 
 def orientation_findings(
@@ -71,18 +76,48 @@ def orientation_findings(
         return
     shown = [name for name in found if len(coarse_images(sources, name)) >= _IMAGES]
     chosen = shown[:: -(-len(shown) // _MAPLETS) or 1]
-    asked = list(_asked(sources, chosen))
+    groups = _groups(image for name in chosen for image in coarse_images(sources, name))
+    first = chosen[1::2][:_FIRST] or chosen
+    rest = [name for name in chosen if name not in first]
+    fits: _AllFits = defaultdict(lambda: defaultdict(list))
+    _compare(fits, sources, list(_asked(first, groups)), executor, progress)
+    if rest and _is_promising(fits, every):
+        _compare(fits, sources, list(_asked(rest, groups)), executor, progress)
+    if better := _best_mending(fits, every):
+        cameras, compared = better
+        names = sorted(name for name, image in every.items() if _camera(image) in cameras)
+        yield {"code": "image-orientation", "names": names, "do": compared.text}
+
+
+def _compare(
+    fits: _AllFits,
+    sources: LithosSources,
+    asked: Sequence[_Asked],
+    executor: Executor,
+    progress: Progress,
+) -> None:
+    """Solve maplets with turned images, and add how these fit."""
     label = "maplets with images in other orientations"
-    fits = defaultdict[_Cameras, dict[Turn, list[_Fits]]](lambda: defaultdict(list))
     with progress.items(label, [1.0] * len(asked), executor.workers) as task:
         results = executor.stream(Timed(_Turned(sources)), asked)
         for one, (fit, spent) in zip(asked, results, strict=True):
             task.advance_one(spent)
             fits[one.cameras][one.turn].append(fit)
-    if better := _best_mending(fits, every):
-        cameras, compared = better
-        names = sorted(name for name, image in every.items() if _camera(image) in cameras)
-        yield {"code": "image-orientation", "names": names, "do": compared.text}
+
+
+def _is_promising(fits: _AllFits, images: Mapping[str, SpcImage]) -> bool:
+    """Whether the images of some cameras fit better in another orientation."""
+    compared = (one for _, one in _comparisons(fits, images))
+    return any(one.ratio_of(one.best) < _PROMISING for one in compared)
+
+
+def _comparisons(
+    fits: _AllFits, images: Mapping[str, SpcImage]
+) -> Iterator[tuple[_Cameras, _Compared]]:
+    """Yield how the images of each group of cameras fit in each orientation."""
+    for cameras, turns in fits.items():
+        own = {name for name, image in images.items() if _camera(image) in cameras}
+        yield cameras, _Compared.of({**fits[()], **turns}, own)
 
 
 def _fit_as_they_are(found: Mapping[str, Summary], images: Mapping[str, SpcImage]) -> bool:
@@ -97,19 +132,16 @@ def _fit_as_they_are(found: Mapping[str, Summary], images: Mapping[str, SpcImage
 
 
 def _best_mending(
-    fits: Mapping[_Cameras, Mapping[Turn, Sequence[_Fits]]], images: Mapping[str, SpcImage]
+    fits: _AllFits, images: Mapping[str, SpcImage]
 ) -> tuple[_Cameras, _Compared] | None:
     """Return the cameras whose images are clearly better turned, if any, and how they compare.
 
     If several are, those with which all images fit best.
     """
-    as_stored = fits.get((), {})
     clear = dict[_Cameras, tuple[float, _Compared]]()
-    for cameras, turns in fits.items():
-        own = {name for name, image in images.items() if _camera(image) in cameras}
-        compared = _Compared.of({**as_stored, **turns}, own)
+    for cameras, compared in _comparisons(fits, images):
         if compared.is_clear:
-            total = _Compared.of({**as_stored, **turns}, set(images))
+            total = _Compared.of({**fits[()], **fits[cameras]}, set(images))
             clear[cameras] = total.ratio_of(compared.best), compared
     if not clear:
         return None
@@ -126,17 +158,21 @@ class _Asked:
     turn: Turn
 
 
-def _asked(sources: LithosSources, names: Sequence[str]) -> Iterator[_Asked]:
-    """Yield what is to be solved: maplets as they are, with the images of one camera, and of all.
+def _groups(images: Iterable[SpcImage]) -> list[_Cameras]:
+    """Return the cameras whose images are turned: the usual ones together, and each alone.
 
     If all cameras have one mistake, mending it for one of them leaves the others wrong.
     """
-    images = [image for name in names for image in coarse_images(sources, name)]
     usual = [one for one, _ in Counter(map(_camera, images)).most_common(_CAMERAS)]
     several = [tuple(usual)] if len(usual) > 1 else []
+    return [*several, *((one,) for one in usual)]
+
+
+def _asked(names: Sequence[str], groups: Sequence[_Cameras]) -> Iterator[_Asked]:
+    """Yield what is to be solved: maplets with images as they are, and with those of each group."""
     for name in names:
         yield _Asked(name, (), Turn.AS_STORED)
-    for cameras in [*several, *((one,) for one in usual)]:
+    for cameras in groups:
         square = all(width == height for (width, height), _ in cameras)
         for turn in Turn:
             if turn is not Turn.AS_STORED and (square or not turn.exchanges):
