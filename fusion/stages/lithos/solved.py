@@ -27,7 +27,7 @@ from spcola.formats.maplets import write_maplet
 from spcola.formats.slope_directions import SlopeDirections, write_slope_directions
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 34
+_VERSION = 35
 
 
 def lithos_solution(

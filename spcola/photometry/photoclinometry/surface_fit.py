@@ -57,6 +57,11 @@ _MOST_RISE = 3.0
 # and would never rise. In the first round of the finest level the loss is so many times as wide, in
 # each further one by this factor less, down to its own width. Coarser ones do not resolve boulders.
 _WIDE, _NARROWER = 4.0, 0.7
+# Images that are blurred slow down the short waves of sharper ones, which share their equations but
+# not their waves: there rounds go on until heights change by less, by this factor where images fit
+# as well as the smallest error allows. Further rounds let noise in, so that from twice that error
+# on it is 1.
+_MIXED = 0.1
 # How many times as many points share an error of a shape as in the solution, which is better with
 # its long waves, where such errors are small.
 _MORE_COMMON = 4.0
@@ -223,6 +228,19 @@ class SurfaceFit:
         states = [state for state, one in zip(self.states, shown, strict=True) if one]
         return shift_ratio(states, self.known[shown])
 
+    @cached_property
+    def mixed(self) -> bool:
+        """Whether images that show the grid are blurred differently."""
+        shown = (window.name for window in self.windows if window is not None)
+        return len({self.options.blur_of(name) for name in shown}) > 1
+
+    def settled_gsd(self, residual: float) -> float:
+        """Change of heights, GSDs, at which a level ends; smaller for images of mixed blur."""
+        if not self.mixed:
+            return self.options.settled_gsd
+        power = float(np.clip(2.0 - residual / self.options.least_error, 0.0, 1.0))
+        return self.options.settled_gsd * _MIXED**power
+
     @property
     def residual(self) -> float:
         """Median residual of brightness of the images in the last round, relative."""
@@ -335,7 +353,7 @@ class SurfaceFit:
         steps = nuisance.reshape(-1, NUISANCES)
         self.states = [changed_state(*one) for one in zip(self.states, steps, strict=True)]
         self.surface = Surface(surface.grid, surface.height + rise, albedo)
-        settled = widened == 1.0 and moved < options.settled_gsd * surface.gsd
+        settled = widened == 1.0 and moved < self.settled_gsd(residual) * surface.gsd
         return settled and brightened < options.settled_albedo
 
 
