@@ -119,9 +119,9 @@ def fuse(
     With --from images, slopes, albedo and heights of each maplet are solved from the brightness of
     its images, and heights of lidar, shape and overlapping maplets are in the same equations. The
     result is a new solution; the one that is read stays as it is. [lithos] has the settings.
-    Where mapolas have returns in few of their cells, or are coarser than the maplets, single
-    returns are used in their place; "lidar" (mapolas) or "returns" in its constraints decides.
-    "limbs" and "maps" there add those.
+    Of the lidar single returns are used if the workspace has scans, else mapolas; "lidar"
+    (mapolas) or "returns" in its constraints decides. "limbs" and "maps" there add those; shape,
+    overlapping and coarser maplets always count.
     """
     check_source(source, name, force=options.force)
     if source == "images":

@@ -71,13 +71,13 @@ def solved_section(solved: SolvedMaplets) -> str:
         f"<p>{len(index['maplets'])} maplets: {counts}. Residual of brightness "
         f"{_percent(index['residual_start'])} % at the start, {_percent(index['residual'])} % at "
         f"the end (median). Images lie {_decimals(3)(index['shift_m'])} m from where their states "
-        f"say (root mean square over maplets and images, on the ground).</p>{_function(index)}"
+        f"put them (root mean square over maplets and images, on the ground).</p>{_function(index)}"
     )
     about = (
         "<p>Residual: robust standard deviation of an image about what is expected, relative, and "
         "over its noise: 1 fits as well as it can. Shift: how far the image lies from where its "
-        "state says. Of a maplet the median (shifts: root mean square) over its images, of an "
-        "image over its maplets. Change: of heights in the last round (root mean square). "
+        "state puts it. Of a maplet the median (shifts: root mean square) over its images, of an "
+        "image over its maplets. Change: of heights in the last round (robust standard deviation). "
         "Triangles sort.</p>"
     )
     maplets = _table("maplets", "maplet", _MAPLETS, index["maplets"], shown)

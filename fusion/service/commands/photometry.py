@@ -34,7 +34,7 @@ class FitOptions:
         typer.Option(
             metavar="NAME",
             help="A photometric function; repeat it for several. A parameter that is given is "
-            'held: "minnaert k_slope=0". By default those that such data distinguish.',
+            'kept: "minnaert k_slope=0". By default those that such data distinguish.',
         ),
     ] = None
     filter: Annotated[

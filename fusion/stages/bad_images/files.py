@@ -77,19 +77,22 @@ def no_usable_image(
     outline : Outline
         What images should show.
     """
-    if wrong:
+    images = [one for one in workspace.images() if workspace.exposure_path(one.name).is_file()]
+    right = [one for one in images if one.name not in wrong]
+    if wrong and not right:
         name, words = next(iter(wrong.items()))
         return WorkspaceError(
             f"no image file has the size of its .SUM; {name} has {words}",
             workspace.root / "IMAGEFILES",
             "bring pixels and states of the same images: spcola images",
         )
-    exposed = (one for one in workspace.images() if workspace.exposure_path(one.name).is_file())
-    for image in exposed:
+    others = f" ({len(wrong)} of another size than their .SUM)" if wrong else ""
+    for image in right:
         if (problem := outline.body.problem(image)) is not None:
             likely = ", or ".join(one.text for one in outline.body.mistakes(image))
             return WorkspaceError(
-                f"by the state of {image.name}, {problem.text}, and no other image can be used",
+                f"by the state of {image.name}, {problem.text}, and no other image can be used"
+                f"{others}",
                 workspace.image_path(image.name),
                 f"{f'likely {likely}: ' if likely else ''}make states anew: spcola sumfiles",
             )

@@ -181,6 +181,8 @@ def _of_mapolas(scene: Scene, name: str, grid: MapletGrid) -> HeightConstraint:
 def no_shape(workspace: Workspace, options: LithosOptions) -> WorkspaceError:
     """Return the error of a workspace that has no shape, and should have one by the options."""
     do = "leave it out: --start maplet --constraint overlaps"
+    if options.secondary:
+        do += ", without --secondary-light"
     if options.purpose is Purpose.SPCOLA:
         do = "leave limbs and secondary_light out of [lithos]"
     return WorkspaceError("has no shape", workspace.root, do)

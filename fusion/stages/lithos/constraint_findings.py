@@ -86,6 +86,8 @@ def _what_to_do(kind: str) -> str:
         return "check the registration: spcola register"
     if kind == "shape":
         return "state how good the shape is: --shape-sigma"
+    if kind == "limbs":
+        return "fit the states: spcola spc register; or leave limbs out of the constraints"
     if kind == _MAPLETS:
         return "solve these too, or leave them out: --constraint"
     return "check its frame and units, or state a larger sigma: --map-sigma"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -19,18 +19,23 @@ _FAR, _FACTOR = 4.0, 2.0
 _FEWEST, _FEW_FACTOR = 8, 3.0
 # Fewest of the others with which one is compared, such as the images of a maplet.
 _COMPANY = 3
+# An image shows other relief than the others if its residual is so many times the median of its
+# maplets, it correlates less than this, and as many maplets show it, or all. Of right images of
+# seven bodies of `mini`, `bennu` and 67P at most two maplets show one that passes the first two.
+_UNLIKE_FACTOR, _ALIKE, _UNLIKE_MAPLETS = 4.0, 0.6, 3
 # A shift below, pixels, is no outlier: images are matched no better than to a tenth of a pixel.
 _LEAST_SHIFT = 0.3
 
 _WHAT_TO_DO = {
-    "image-residual": "more of them is left over, compared with their noise, than of others on the "
-    "same maplets: look at their residuals in report or page; check pixels, thresholds and date, "
-    "or leave them out; where pixels are finer than the grid, a finer GSD: spcola spc tile",
-    "image-shift": "they lie far from where their states say, more than the others: make their "
-    "states anew: spcola sumfiles",
+    "image-residual": "more of them is left over than of others on the same maplets, compared with "
+    "their noise or in relief: look at their residuals in report or page; check pixels, thresholds "
+    "and date, or leave them out; where pixels are finer than the grid, a finer GSD: "
+    "spcola spc tile",
+    "image-shift": "they lie far from where their states put them, more than the others: make "
+    "their states anew: spcola sumfiles",
     "maplet-residual": "more is left over of their images than elsewhere: look at the residuals in "
     "report or page; where bright areas are left over, "
-    '[lithos] albedo_mean = "0.5"; where relief is, a finer GSD: spcola spc tile',
+    '[lithos] albedo_mean = "0.5" if it is not set; where relief is, a finer GSD: spcola spc tile',
     "maplet-shift": "their images see them far from where they are, more than others: start from "
     "the shape: --start shape",
 }
@@ -56,8 +61,9 @@ def outlier_findings(found: Mapping[str, Sequence[ImageFit]]) -> list[dict[str, 
     }
     ratios = {pair: fit.residual / fit.noise for pair, fit in fits.items() if fit.noise > 0.0}
     shifts = {pair: float(np.hypot(*fit.shift_px)) for pair, fit in fits.items()}
+    far = _far(_compared(ratios, by=1), few=_FEW_FACTOR)
     named = {
-        "image-residual": _far(_compared(ratios, by=1), few=_FEW_FACTOR),
+        "image-residual": [*far, *(name for name in _unlike(fits) if name not in far)],
         "image-shift": _far(_medians(shifts, by=1), _LEAST_SHIFT),
         "maplet-residual": _far(_compared(ratios, by=0), few=_FEW_FACTOR),
         "maplet-shift": _far(_medians(shifts, by=0), _LEAST_SHIFT),
@@ -70,6 +76,24 @@ def outlier_findings(found: Mapping[str, Sequence[ImageFit]]) -> list[dict[str, 
 
 
 _Pairs = Mapping[tuple[str, str], float]
+
+
+def _unlike(fits: Mapping[tuple[str, str], ImageFit]) -> list[str]:
+    """Return the images whose relief is not that of the others, as of another date's boulders.
+
+    The noise of an image contains relief that the surface lacks, so that it hides such images.
+    """
+    residuals = _compared({pair: fit.residual for pair, fit in fits.items()}, by=1)
+    alike = _medians({pair: fit.correlation for pair, fit in fits.items()}, by=1)
+    maplets = {maplet for maplet, _ in fits}
+    shown = Counter(image for _, image in fits)
+    return [
+        name
+        for name, ratio in sorted(residuals.items())
+        if ratio > _UNLIKE_FACTOR
+        and alike[name] < _ALIKE
+        and shown[name] >= min(_UNLIKE_MAPLETS, len(maplets))
+    ]
 
 
 def _compared(values: _Pairs, by: int) -> dict[str, float]:

@@ -22,7 +22,7 @@ from fusion.stages.lithos.fits import (
 from fusion.stages.lithos.outliers import outlier_findings
 from fusion.stages.solution_result import SolutionResult, counted, use_line
 from spcola.arrays import FloatArray
-from spcola.photometry.photoclinometry import Fit, ImageFit, Outcome, Photoclinometry
+from spcola.photometry.photoclinometry import Fit, Outcome, Photoclinometry
 
 PHOTOCLINOMETRY_KEYS = {
     "options": "what was asked for",
@@ -57,7 +57,7 @@ PHOTOCLINOMETRY_KEYS = {
     "that with them as stated, on the coarsest GSD; median below 0.97, below 0.9 of one or two: "
     "light-doubtful",
     "maplets[].shift_ratio": "median over images of their shifts, in sigmas of their states; over "
-    "2: images-displaced",
+    "1.75: images-displaced",
     "maplets[].around": "maplets of the parent that are near enough to hide and shade its ground; "
     "none if it started from the shape",
     "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
@@ -163,7 +163,7 @@ def content_of(
         "images": images_json(by_image),
         "findings": [
             *bad_images,
-            *_findings(found, by_image),
+            *_findings(found),
             *constraint_findings(maplets, given),
         ],
     }
@@ -231,24 +231,26 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
     }
 
 
-def _findings(
-    found: Mapping[str, Summary], by_image: Mapping[str, list[ImageFit]]
-) -> list[dict[str, Any]]:
-    """Return the outliers by code: maplets that did not end well, images that rarely fit."""
+def _findings(found: Mapping[str, Summary]) -> list[dict[str, Any]]:
+    """Return the outliers by code: maplets that did not end well, images that rarely fit.
+
+    Images of maplets that keep their start are compared with that, so that they do not count.
+    """
+    kept = (Outcome.TOO_FEW_IMAGES, Outcome.DIVERGED)
+    moved = {name: one for name, one in found.items() if one.outcome not in kept}
     named: dict[Outcome | Fit, list[str]] = {}
     for code in _MAPLET_CODES:
         named[code] = [name for name, one in found.items() if one.outcome is code]
     for kind in (Fit.SUN_REVERSED, Fit.CONTRADICTS):
-        named[kind] = mostly(kind, by_image)
+        named[kind] = mostly(kind, fits_by_image(moved.values()))
     does = {**WHAT_TO_DO, Outcome.DIVERGED: _why_diverged(found, named[Outcome.DIVERGED])}
     listed = [
         {"code": str(code), "names": names, "do": does[code]}
         for code, names in named.items()
         if names
     ]
-    kept = (Outcome.TOO_FEW_IMAGES, Outcome.DIVERGED)
-    fits = {name: one.images for name, one in found.items() if one.outcome not in kept}
-    solved = {name: found[name].content for name in fits}
+    fits = {name: one.images for name, one in moved.items()}
+    solved = {name: one.content for name, one in moved.items()}
     others = _displaced_finding(solved), _left_over_finding(solved), outlier_findings(fits)
     return [*_light_finding(found), *listed, *chain.from_iterable(others)]
 

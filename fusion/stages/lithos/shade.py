@@ -45,8 +45,10 @@ def check_shade(asked: Iterable[str], images: Iterable[SpcImage]) -> None:
     for name in asked:
         if name not in known:
             raise SettingsError(
-                f"names image {name!r}, which has no pixels, or no state of known uncertainty",
+                f"names image {name!r}, which has no pixels of the size of its .SUM, or no state "
+                "of known uncertainty",
                 "[lithos] secondary_light",
+                "check its name, IMAGEFILES and SUMFILES, or leave it out",
             )
         if known[name].thresholds[0] <= 0:
             raise SettingsError(

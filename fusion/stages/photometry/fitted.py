@@ -189,7 +189,8 @@ def photometry_lines(content: Mapping[str, Any]) -> Iterator[str]:
         if one["as_good"]:
             others = ", ".join(one["as_good"])
             yield f"The data do not distinguish {one['preferred']} from {others}."
-        yield f'For [register] in spcola.toml: photometry = "{one["setting"]}"'
+        places = "For [register], and [lithos] if it has its own, in spcola.toml"
+        yield f'{places}: photometry = "{one["setting"]}"'
 
 
 def _parameter_lines(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

@@ -1,9 +1,9 @@
 """Cells of a grid in the pixels of an image: expected brightness, and its normal equations.
 
 A cell between four points is spread over pixels as a rectangle along lines and samples with the
-second moments of its footprint and of the point spread: its share of a pixel is the product of two
-overlaps, so that neither polygons nor convolutions are needed. What cells, even by themselves,
-take from the contrast of the ground is given back (:func:`sharpen_cells`).
+second moments of its footprint: its share of a pixel is the product of two overlaps, so that no
+polygons are needed. Blur of the image is applied to pixels, not here. What cells, even by
+themselves, take from the contrast of the ground is given back (:func:`sharpen_cells`).
 """
 
 from __future__ import annotations

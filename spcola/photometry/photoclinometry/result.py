@@ -27,7 +27,7 @@ class Outcome(StrEnum):
     """Fewer than two images show enough ground in high enough light, and no precise height
     constrains it: the start surface is kept."""
     DIVERGED = "diverged"
-    """The brightness fits no better than that of the start surface, which is kept."""
+    """The brightness fits worse than that of the start surface, which is kept."""
 
 
 class Fit(StrEnum):

@@ -223,6 +223,55 @@ def test_a_run_without_any_image_left_is_refused_and_writes_nothing(
     assert not list(root.glob("solutions/*"))
 
 
+def test_one_right_image_is_too_few_and_is_not_named_as_wrong(root):
+    workspace = Workspace.open(root)
+    for name in GOOD[1:]:
+        workspace.exposure_path(name).unlink()
+        workspace.image_path(name).unlink()
+    called("spc", "lithos", root, *RUN, "--as", "one")
+    content = Workspace.open(root, "one").read_json("photoclinometry.json")
+    assert codes(content) == {"too-few-images": [MAPLET, FAR]}
+
+
+def test_some_files_of_another_size_do_not_hide_what_is_wrong_with_the_others(root, photographs):
+    for image in photographs:
+        change = of_another_size if image.name == "I0" else turned_away
+        add_image(Workspace.open(root), image, change)
+    words = refused("spc", "lithos", root, *RUN)
+    assert "by the state of I1, the body is not in the frame" in words
+    assert "(1 of another size than their .SUM)" in words
+
+
+class Boulders(Painted):
+    """The waves with 25 boulders, 0.5 m high."""
+
+    def __init__(self, grid, seed):
+        super().__init__(grid)
+        self.places = np.random.default_rng(seed).uniform(-7.0, 7.0, (25, 2))
+
+    def boulders(self, x, y):
+        """Places and heights (…, 25) of the boulders about points."""
+        aside, up = x[..., None] - self.places[:, 0], y[..., None] - self.places[:, 1]
+        return aside, up, 0.5 * np.exp(-(aside**2 + up**2))
+
+    def height(self, x, y):
+        return super().height(x, y) + self.boulders(x, y)[2].sum(axis=-1)
+
+    def slopes(self, x, y):
+        along_x, along_y = super().slopes(x, y)
+        aside, up, height = self.boulders(x, y)
+        return along_x - 2.0 * (aside * height).sum(-1), along_y - 2.0 * (up * height).sum(-1)
+
+
+def test_an_image_of_another_boulder_field_is_named(root, ground):
+    for k, sight in enumerate(SIGHTS):
+        field = Boulders(ground.grid, seed=1 if k else 2)
+        add_image(Workspace.open(root), field.photograph(f"I{k}", *sight, size=64))
+    called("spc", "lithos", root, *RUN, "--as", "boulders")
+    content = Workspace.open(root, "boulders").read_json("photoclinometry.json")
+    assert codes(content)["image-residual"] == ["I0"]
+
+
 def bloomed(image, column):
     """An image with 18 saturated pixels of a column, and fringes that are too bright."""
     pixels, rows = image.pixels.astype(np.float64), slice(22, 40)

@@ -79,7 +79,7 @@ function index(found: SolvedIndex, route: Route): HTMLElement[] {
     element(
       "p",
       { class: "quiet" },
-      "Residual: robust standard deviation of an image about what is expected, relative, and over its noise: 1 fits as well as it can. Shift: how far an image lies from where its state says. Medians of a maplet over its images, of an image over its maplets; of shifts the root mean square.",
+      "Residual: robust standard deviation of an image about what is expected, relative, and over its noise: 1 fits as well as it can. Shift: how far an image lies from where its state puts it. Medians of a maplet over its images, of an image over its maplets; of shifts the root mean square.",
     ),
     table("Goodness of fit of maplets", mapletColumns, worst(found.maplets)),
     element("h2", {}, "Goodness of fit of images"),

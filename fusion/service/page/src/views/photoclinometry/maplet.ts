@@ -179,7 +179,7 @@ function draw(plots: HTMLElement, { rounds, gsd_m: gsd }: SolvedMaplet, signal: 
     changes,
     numbers,
     [line("heights (GSD)", rounds.map((one) => Math.max(one.height_m / gsd, LEAST_CHANGE)), "--spc"), line("albedo", rounds.map((one) => Math.max(one.albedo, LEAST_CHANGE)), "--lidar")],
-    { x: "round", y: "change (rms)" },
+    { x: "round", y: "change" },
     nothing,
     signal,
     { stepX, logarithmic: true },
