@@ -133,7 +133,8 @@ def test_images_that_cannot_show_shade_are_refused(shaded, tmp_path):
     root = tmp_path / "WS"
     shutil.copytree(shaded[0], root, symlinks=True)
     given = ("spc", "lithos", root, "--only", NAME)
-    assert "has no pixels, or no state" in refused(*given, "--secondary-light", "NONE")
+    words = refused(*given, "--secondary-light", "NONE")
+    assert "has no pixels of the size of its .SUM, or no state" in words
     path = root / "SUMFILES" / "P01I01.SUM"
     text = path.read_text().replace("   256 65534", "     0 65534")
     path.unlink()
