@@ -12,7 +12,8 @@ from fusion.service.commands.site import Done, Site
 
 __all__ = ["FitOptions", "fit_functions"]
 
-# Those that images with scales of their own distinguish; the phase functions need --calibrated.
+# Those that images with scales of their own distinguish; and those with phase functions, which
+# images of one scale determine.
 _USUAL = (
     "lambert",
     "lommel-seeliger",
@@ -22,6 +23,16 @@ _USUAL = (
     "akimov",
     "akimov-phase slope=0",
     "hapke-rough B0=1 h=0.06",
+)
+_USUAL_CALIBRATED = (
+    "lambert",
+    "lommel-seeliger",
+    "lommel-seeliger-exponential",
+    "lunar-lambert",
+    "lunar-lambert-exponential",
+    "minnaert",
+    "akimov-phase",
+    "hapke-rough",
 )
 
 
@@ -74,8 +85,9 @@ def fit_functions(site: Site, given: FitOptions) -> Done:
     from spcola.photometry.fitting import SampleOptions
 
     ground = SampleOptions(math.radians(given.max_incidence), math.radians(given.max_emission))
+    usual = _USUAL_CALIBRATED if given.calibrated else _USUAL
     options = PhotometryOptions(
-        tuple(given.function or _USUAL),
+        tuple(given.function or usual),
         given.filter,
         given.calibrated,
         given.max_maplets,

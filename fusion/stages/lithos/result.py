@@ -27,14 +27,16 @@ from spcola.photometry.photoclinometry import Fit, Outcome, Photoclinometry
 PHOTOCLINOMETRY_KEYS = {
     "options": "what was asked for",
     "outcomes": "number of maplets by outcome",
-    "residual_start": "median over maplets, relative residual of brightness in round one",
+    "residual_start": "median over maplets that were solved, relative residual of brightness of "
+    "their starts",
     "residual": "the same at the end",
     "shift_m": "goodness of fit of the solution: root mean square over maplets and images of how "
     "far images are shifted, on the ground",
     "maplets[].outcome": "how it ended: converged, not-converged, undetermined, too-few-images, "
     "diverged; the last two keep the start: residual, shifts and images are those of it",
     "maplets[].reason": "why it ended so",
-    "maplets[].residual_start": "median over images, relative residual of brightness in round one",
+    "maplets[].residual_start": "median over images, relative residual of brightness of the start, "
+    "on the grid of the maplet",
     "maplets[].residual": "the same at the end",
     "maplets[].noise_ratio": "median over images, residual over the noise of the image: 1 where "
     "brightness fits as well as it can",
@@ -60,7 +62,8 @@ PHOTOCLINOMETRY_KEYS = {
     "1.75: images-displaced",
     "maplets[].around": "maplets of the parent that are near enough to hide and shade its ground; "
     "none if it started from the shape",
-    "maplets[].rounds": "GSD (m), residual, changes of heights (m) and albedo (rms) of each round",
+    "maplets[].rounds": "GSD (m), residual before it, changes of heights (m) and albedo (rms) of "
+    "each round",
     "maplets[].constraints": "by constraint: number of heights, number left_out as false before, "
     "robust rms of them less the solved ones (residual_m), and of each over its sigma (ratio): 1 "
     "where sigmas are right and images agree",
@@ -203,7 +206,7 @@ def _maplet_json(one: Photoclinometry) -> dict[str, Any]:
     return {
         "outcome": str(one.outcome),
         "reason": one.reason,
-        "residual_start": one.rounds[0].residual if one.rounds else None,
+        "residual_start": goodness(one.start_images)["residual"],
         **goodness(one.images),
         "sigma_m": _median(one.maplet.sigma),
         "slope_sigma": _median(one.slope_sigma),

@@ -27,7 +27,7 @@ from spcola.formats.maplets import write_maplet
 from spcola.formats.slope_directions import SlopeDirections, write_slope_directions
 
 # Raised whenever equal input gives other maplets.
-_VERSION = 35
+_VERSION = 36
 
 
 def lithos_solution(

@@ -16,7 +16,7 @@ from spcola.photometry.photoclinometry.image_equations import (
 )
 from spcola.photometry.photoclinometry.image_window import ImageWindow
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
-from spcola.photometry.photoclinometry.result import Fit, ImageFit, Outcome, Round
+from spcola.photometry.photoclinometry.result import Fit, ImageFit, Outcome, Round, residual_change
 from spcola.photometry.photoclinometry.surface import Surface
 from spcola.photometry.photoclinometry.undetermined_axis import UndeterminedAxis
 
@@ -146,15 +146,20 @@ def outcome_of(
             "both directions of the slope are determined by images, or heights by constraints, in "
             f"only {determined:.0%} of the cells{_lacking(axis)}"
         )
-    if last.height_m >= options.settled_gsd * last.gsd or last.albedo >= options.settled_albedo:
-        return Outcome.NOT_CONVERGED, (
-            f"heights still changed by {last.height_m:.2g} m and albedo by {last.albedo:.2g} in "
-            f"the last of {options.rounds} rounds"
-        )
-    return Outcome.CONVERGED, (
-        f"heights changed by {last.height_m:.2g} m and albedo by {last.albedo:.2g} in the last "
-        "round"
+    change = residual_change(rounds)
+    settled = (
+        last.height_m < options.settled_gsd * last.gsd
+        and last.albedo < options.settled_albedo
+        and change < options.settled_residual
     )
+    residual = f"{change:.2g}" if np.isfinite(change) else "an unknown amount"
+    changes = (
+        f"changed by {last.height_m:.2g} m, albedo by {last.albedo:.2g} and the residual of "
+        f"brightness by {residual} in the last"
+    )
+    if settled:
+        return Outcome.CONVERGED, f"heights {changes} round"
+    return Outcome.NOT_CONVERGED, f"heights still {changes} of {options.rounds} rounds"
 
 
 def _lacking(axis: UndeterminedAxis) -> str:

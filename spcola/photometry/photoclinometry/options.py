@@ -107,9 +107,10 @@ class PhotoclinometryOptions:
     stereo : bool
         Whether the displacement of ground in images by its height is in the equations; without it
         heights are those of slopes and constraints alone.
-    settled_gsd, settled_albedo : float
-        Robust standard deviation of the changes of heights in a round, GSDs, and root mean square
-        of those of albedo, at which a level is converged. Where images are blurred differently
+    settled_gsd, settled_albedo, settled_residual : float
+        Robust standard deviation of the changes of heights in a round, GSDs, root mean square of
+        those of albedo, and change of the residual of brightness (relative, median over images)
+        from round to round, at which a level is converged. Where images are blurred differently
         and fit well, rounds go on until heights change by a tenth of that.
 
     Raises
@@ -150,6 +151,7 @@ class PhotoclinometryOptions:
     stereo: bool = True
     settled_gsd: float = 0.01
     settled_albedo: float = 0.003
+    settled_residual: float = 0.003
 
     @property
     def albedo_prior(self) -> AlbedoPrior:
@@ -173,6 +175,7 @@ class PhotoclinometryOptions:
             "twist_sigma", "least_error", "least_brightness", "loss_scale", "determined_sigma",
             "bend_sigma", "top_sigma", "measured_bend_sigma", "measured_top_sigma",
             "averaged_top_sigma", "relief_albedo_sigma", "settled_gsd", "settled_albedo",
+            "settled_residual",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -19,7 +20,7 @@ class Outcome(StrEnum):
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not-converged"
-    """Heights or albedo still changed in the last round."""
+    """Heights, albedo or residuals of brightness still changed in the last round."""
     UNDETERMINED = "undetermined"
     """Images determine both directions of the slope in few cells, and no precise height constrains
     the others: heights depend on the start there, and their sigmas are large."""
@@ -115,6 +116,25 @@ class Round:
     albedo: float
 
 
+def residual_change(rounds: Sequence[Round]) -> float:
+    """Return by how much the residual of brightness changed between the last two rounds of a level.
+
+    Infinite where the last one is the first of its level, or first has a residual; 0 without any.
+
+    Parameters
+    ----------
+    rounds : sequence of Round
+        One at least.
+    """
+    if len(rounds) < 2 or rounds[-2].gsd != rounds[-1].gsd:
+        return float("inf")
+    before, last = rounds[-2].residual, rounds[-1].residual
+    if np.isnan(before) and np.isnan(last):
+        return 0.0
+    change = abs(last - before)
+    return change if np.isfinite(change) else float("inf")
+
+
 @dataclass(frozen=True, eq=False)
 class Photoclinometry:
     """A surface from images.
@@ -134,8 +154,8 @@ class Photoclinometry:
     albedo_sigma : (R − 1, C − 1) ndarray
         NaN where high images determine the albedo less than a prior of `albedo_sigma` does, such as
         in shadow: the albedo of the maplet is that of the ground around there, or of the start.
-    images : tuple of ImageFit
-        How each fits the surface, or the start where that is kept.
+    images, start_images : tuple of ImageFit
+        How each fits the surface, or the start where that is kept; and how each fits the start.
     rounds : tuple of Round
         Those done, also of a surface that was given up.
     outcome : Outcome
@@ -166,6 +186,7 @@ class Photoclinometry:
     slope_sigma: FloatArray
     albedo_sigma: FloatArray
     images: tuple[ImageFit, ...]
+    start_images: tuple[ImageFit, ...]
     rounds: tuple[Round, ...]
     outcome: Outcome
     reason: str

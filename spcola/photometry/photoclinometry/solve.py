@@ -158,9 +158,9 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     albedo_sigma[by_images < options.albedo_sigma**-2.0] = np.nan
     albedo_sigma = options.convention.stated(albedo_sigma)
     return Photoclinometry(
-        maplet, directions, azimuth, slope_sigma, albedo_sigma, fits, tuple(fit.rounds), outcome,
-        reason, fit.light_ratio, fit.shift_ratio, tuple(one.fit(maplet) for one in fit.constraints),
-        axis, left_over,
+        maplet, directions, azimuth, slope_sigma, albedo_sigma, fits, fit.start_fits,
+        tuple(fit.rounds), outcome, reason, fit.light_ratio, fit.shift_ratio,
+        tuple(one.fit(maplet) for one in fit.constraints), axis, left_over,
     )  # fmt: skip
 
 
@@ -242,6 +242,7 @@ def _kept(fit: SurfaceFit, outcome: Outcome) -> Photoclinometry:
         np.full((cells, cells), np.nan),
         np.full((2, cells, cells), np.nan),
         np.full((cells, cells), np.nan),
+        fit.start_fits,
         fit.start_fits,
         tuple(fit.rounds),
         outcome,

@@ -38,7 +38,7 @@ from spcola.photometry.photoclinometry.nuisances import (
     shift_ratio,
 )
 from spcola.photometry.photoclinometry.options import PhotoclinometryOptions
-from spcola.photometry.photoclinometry.result import ImageFit, Round
+from spcola.photometry.photoclinometry.result import ImageFit, Round, residual_change
 from spcola.photometry.photoclinometry.surface import Surface, cell_slopes, resampled_points
 from spcola.photometry.photoclinometry.surface_equations import (
     Priors,
@@ -335,7 +335,7 @@ class SurfaceFit:
         return Priors(self.priors.slopes, self.options.slope_sigma, *heights)
 
     def round(self, *, widened: float = 1.0) -> bool:
-        """Do one round; return whether heights and albedo have settled.
+        """Do one round; return whether heights, albedo and residuals have settled.
 
         They have not while the loss is `widened`.
         """
@@ -353,8 +353,12 @@ class SurfaceFit:
         steps = nuisance.reshape(-1, NUISANCES)
         self.states = [changed_state(*one) for one in zip(self.states, steps, strict=True)]
         self.surface = Surface(surface.grid, surface.height + rise, albedo)
-        settled = widened == 1.0 and moved < self.settled_gsd(residual) * surface.gsd
-        return settled and brightened < options.settled_albedo
+        return (
+            widened == 1.0
+            and moved < self.settled_gsd(residual) * surface.gsd
+            and brightened < options.settled_albedo
+            and residual_change(self.rounds) < options.settled_residual
+        )
 
 
 def _interpolated(
