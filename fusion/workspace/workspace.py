@@ -356,6 +356,11 @@ class Workspace:
         return self.home / "photoclinometry.json"
 
     @property
+    def albedo_path(self) -> Path:
+        """How the albedo of maplets and images of a solution by ``spcola spc albedo`` fit."""
+        return self.home / "albedo.json"
+
+    @property
     def scale_path(self) -> Path:
         """Where the scale lies."""
         return self.home / "scale.json"

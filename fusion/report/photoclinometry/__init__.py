@@ -2,7 +2,12 @@
 
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.gather import SolvedMaplets, gather_solved, solved_inputs
-from fusion.report.photoclinometry.goodness import goodness_index, read_goodness, residual_limit
+from fusion.report.photoclinometry.goodness import (
+    goodness_index,
+    goodness_path,
+    read_goodness,
+    residual_limit,
+)
 from fusion.report.photoclinometry.section import solved_section
 from fusion.report.photoclinometry.strips import strip_png
 
@@ -10,6 +15,7 @@ __all__ = [
     "SolvedMaplets",
     "gather_solved",
     "goodness_index",
+    "goodness_path",
     "image_strip",
     "read_goodness",
     "residual_limit",

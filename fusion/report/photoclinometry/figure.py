@@ -102,6 +102,9 @@ def _convergence(above: Any, below: Any, rounds: Sequence[Mapping[str, Any]], gs
         (height / gsd, "o-", Colour.SPC, "heights, GSD"),
         (albedo, "s--", Colour.LIDAR, "albedo"),
     ):
+        # Heights are kept where only the albedo was solved.
+        if np.isnan(values).all():
+            continue
         below.semilogy(
             numbers, np.maximum(values, 1e-6), style, ms=3, lw=1.2, color=colour, label=label
         )

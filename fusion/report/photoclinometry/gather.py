@@ -11,6 +11,7 @@ from fusion.report.photoclinometry.around import around_caster, around_files
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.goodness import (
     chosen_maplets,
+    goodness_path,
     read_goodness,
     worst_images,
 )
@@ -95,7 +96,7 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
     Raises
     ------
     SpcolaError
-        If ``photoclinometry.json`` cannot be read.
+        If how images fit cannot be read.
     """
     content = read_goodness(workspace)
     if content is None:
@@ -113,7 +114,7 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
         for name in sorted(names)
         for path in (workspace.image_path(name), workspace.exposure_path(name))
     ]
-    return [workspace.photoclinometry_path, *shape, *sorted(around), *directions, *images]
+    return [goodness_path(workspace), *shape, *sorted(around), *directions, *images]
 
 
 def _shown(

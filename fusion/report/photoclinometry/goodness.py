@@ -1,13 +1,15 @@
-"""Goodness of fit per maplet and per image, from ``photoclinometry.json``."""
+"""Goodness of fit per maplet and per image, from ``photoclinometry.json`` or ``albedo.json``."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fusion.report.photoclinometry.albedo import as_solved
 from fusion.workspace import Workspace
 from spcola.errors import FormatError
 
@@ -21,8 +23,24 @@ _SHARED = ("residual", "noise_ratio", "correlation", "shift_px", "shift_m")
 _OF_MAPLETS = ("outcome", "residual_start", *_SHARED, "sigma_m")
 
 
+def goodness_path(workspace: Workspace) -> Path:
+    """Return the file that has how images fit maplets; it may be missing.
+
+    It is ``photoclinometry.json``, or ``albedo.json`` where only the albedo was solved.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        In the solution.
+    """
+    solved, albedo = workspace.photoclinometry_path, workspace.albedo_path
+    return albedo if albedo.is_file() and not solved.is_file() else solved
+
+
 def read_goodness(workspace: Workspace) -> dict[str, Any] | None:
     """Return the content of ``photoclinometry.json``; None if the solution has none.
+
+    That of ``albedo.json`` has the same keys then: heights are kept.
 
     Parameters
     ----------
@@ -35,14 +53,16 @@ def read_goodness(workspace: Workspace) -> dict[str, Any] | None:
     FormatError
         If it lacks what is shown.
     """
-    path = workspace.photoclinometry_path
+    path = goodness_path(workspace)
     content = workspace.find_json(path.name)
     if content is None:
         return None
+    albedo = path == workspace.albedo_path
     try:
+        content = as_solved(content) if albedo else content
         goodness_index(content)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        do = "solve the maplets again: spcola spc lithos"
+        do = f"solve the maplets again: spcola spc {'albedo' if albedo else 'lithos'}"
         raise FormatError(f"lacks what is shown ({error!r})", path, do) from error
     return content
 

@@ -183,13 +183,16 @@ def _view(one: SolvedMaplet, content: _Row) -> str:
 
 
 def _caption(content: _Row) -> str:
+    how = f"{escape(content['outcome'])}: {escape(content['reason'])}."
+    if not content["directions"]:
+        return how
     zero, one, two = (f"{100.0 * share:.0f} %" for share in content["directions"])
     # Solutions of former versions do not have it.
     azimuth = content.get("undetermined_azimuth_deg")
     across = "" if azimuth is None else f" (not along azimuth {round(azimuth) % 180}°)"
     return (
-        f"{escape(content['outcome'])}: {escape(content['reason'])}. Images determine the slope in "
-        f"two directions in {two} of the cells, in one in {one}{across}, in none in {zero}. Dotted "
+        f"{how} Images determine the slope in two "
+        f"directions in {two} of the cells, in one in {one}{across}, in none in {zero}. Dotted "
         "lines: a finer GSD begins."
     )
 

@@ -17,7 +17,7 @@ from spcola.formats.solution import write_landmark, write_list, write_summary
 def write_landmarks(workspace: Workspace, folder: Path, placed: Sequence[PlacedMapola]) -> None:
     """Write .LMK files, lists, and the .SUM of images in which a centre was measured.
 
-    Landmarks that were there before stay as they are.
+    Landmarks that were there before get the new ones as overlaps, and stay as they are else.
 
     Parameters
     ----------
@@ -29,7 +29,8 @@ def write_landmarks(workspace: Workspace, folder: Path, placed: Sequence[PlacedM
     """
     new = {one.maplet.name: one.maplet.grid for one in placed}
     before = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
-    for one, near in zip(placed, overlaps_of({**new, **before}), strict=False):
+    overlaps = dict(zip([*new, *before], overlaps_of({**new, **before}), strict=True))
+    for one in placed:
         maplet = one.maplet
         landmark = Landmark(
             maplet.name,
@@ -37,9 +38,14 @@ def write_landmarks(workspace: Workspace, folder: Path, placed: Sequence[PlacedM
             sigma=maplet.center_sigma,
             prior_sigma=float(maplet.center_sigma.max()),
             pictures=one.pictures,
-            overlaps=near,
+            overlaps=overlaps[maplet.name],
         )
         write_landmark(folder / "LMKFILES" / f"{maplet.name}.LMK", landmark)
+    for name in workspace.landmark_names():
+        if added := tuple(near for near in overlaps.get(name, ()) if near.name in new):
+            known, path = workspace.landmark(name), workspace.landmark_path(name)
+            known = replace(known, overlaps=(*known.overlaps, *added))
+            write_landmark(folder / "LMKFILES" / path.name, known, like=path)
     for listing, names in (
         ("MAPLIST.TXT", workspace.maplet_names()),
         ("LMRKLIST.TXT", workspace.landmark_names()),

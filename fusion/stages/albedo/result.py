@@ -9,9 +9,18 @@ import numpy as np
 
 from fusion.runtime.findings import finding_lines
 from fusion.stages.albedo.placing import PlacedMapola
-from fusion.stages.lithos.fits import Summary, fits_by_image, fits_json, images_json, mostly
+from fusion.stages.lithos.fits import (
+    Summary,
+    fits_by_image,
+    fits_json,
+    goodness,
+    images_json,
+    known_median,
+    mostly,
+)
 from fusion.stages.lithos.result import WHAT_TO_DO
 from fusion.stages.solution_result import SolutionResult, counted, use_line
+from spcola.grids import Maplet
 from spcola.math.robust import mad
 from spcola.photometry.albedo import AlbedoOutcome, AlbedoSolution
 from spcola.photometry.photoclinometry import Fit, ImageFit
@@ -22,15 +31,24 @@ ALBEDO_KEYS = {
     "outcomes": "number of surfaces by outcome",
     "residual_start": "median over surfaces, relative residual of brightness with an even albedo",
     "residual": "the same at the end",
+    "shift_m": "root mean square over surfaces and images of how far images are shifted, on the "
+    "ground",
     "surfaces[].outcome": "how it ended, by the names of maplets or bigmaps: converged, "
     "not-converged, no-image",
     "surfaces[].residual_start": "median over images, relative residual of brightness with an "
     "even albedo",
     "surfaces[].residual": "the same at the end",
+    "surfaces[].noise_ratio": "median over images, residual over the noise of the image",
+    "surfaces[].correlation": "median over images, of expected and observed brightness",
+    "surfaces[].shift_px": "root mean square over images of their shifts, pixels",
+    "surfaces[].shift_m": "the same on the ground",
+    "surfaces[].gsd_m": "GSD of the surface",
+    "surfaces[].sigma_m": "median sigma of its heights, which are kept",
     "surfaces[].share": "share of the points with a height whose albedo images determine",
     "surfaces[].scatter": "robust standard deviation of the albedo over its mean",
     "surfaces[].sigma": "median sigma of the albedo",
     "surfaces[].changes": "rms change of the albedo in each round, relative to its mean",
+    "surfaces[].residuals": "residual before each round",
     "surfaces[].images": "fit, scale λ, shift (px), residual, correlation, pixels of each image",
     "surfaces[].mapola": "of a mapola: name that it has as one; else absent, as are the next three",
     "surfaces[].moved_m": "from the registered place to the mean of it and that by images",
@@ -86,9 +104,11 @@ class AlbedoResult(SolutionResult):
         return [*lines, use_line(self.folder)]
 
 
-def summary_of(found: AlbedoSolution, known: int, placed: PlacedMapola | None = None) -> Summary:
-    """Return the summary of a surface with so many `known` heights."""
-    return Summary(found.outcome, found.images, _surface_json(found, known, placed))
+def summary_of(
+    found: AlbedoSolution, ground: Maplet, placed: PlacedMapola | None = None
+) -> Summary:
+    """Return the summary of the albedo of `ground`."""
+    return Summary(found.outcome, found.images, _surface_json(found, ground, placed))
 
 
 def content_of(
@@ -116,16 +136,20 @@ def content_of(
             key: float(np.median([one[key] for one in solved])) if solved else None
             for key in ("residual_start", "residual")
         },
+        "shift_m": goodness([fit for fits in by_image.values() for fit in fits])["shift_m"],
         "surfaces": {name: one.content for name, one in found.items()},
         "images": images_json(by_image),
         "findings": [*bad_images, *_findings(found, by_image)],
     }
 
 
-def _surface_json(found: AlbedoSolution, known: int, placed: PlacedMapola | None) -> dict[str, Any]:
+def _surface_json(
+    found: AlbedoSolution, ground: Maplet, placed: PlacedMapola | None
+) -> dict[str, Any]:
     solved = np.isfinite(found.albedo)
-    some = bool(solved.any())
+    some, known = bool(solved.any()), int(np.count_nonzero(ground.valid))
     content = {
+        **goodness(found.images),
         "outcome": str(found.outcome),
         "residual_start": found.residual_start if some else None,
         "residual": found.residual if some else None,
@@ -133,6 +157,9 @@ def _surface_json(found: AlbedoSolution, known: int, placed: PlacedMapola | None
         "scatter": float(mad(found.albedo)) / found.mean if some else None,
         "sigma": float(np.median(found.sigma[solved])) if some else None,
         "changes": list(found.changes),
+        "residuals": list(found.residuals),
+        "gsd_m": ground.grid.gsd,
+        "sigma_m": known_median(ground.sigma.ravel()),
         "images": fits_json(found.images),
     }
     if placed is None:

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fusion.pipeline.catalog import file_digest
 from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.solutions import MadeBy, making_solution, new_name, solutions_of
@@ -31,7 +29,7 @@ from spcola import atomic
 from spcola.photometry.albedo import AlbedoOutcome
 
 # Raised whenever equal input gives another albedo.
-_VERSION = 3
+_VERSION = 4
 _STEM = "albedo"
 _COMMAND = "spcola spc albedo"
 # Where bigmaps with solved albedo lie.
@@ -205,5 +203,4 @@ def _solved(
             if found.outcome is not AlbedoOutcome.NO_IMAGE or name in surfaces.placed:
                 surfaces.write(folder, name, found)
             task.advance_one(spent)
-            known = int(np.count_nonzero(surfaces.read(name).valid))
-            yield name, summary_of(found, known, surfaces.placed.get(name))
+            yield name, summary_of(found, surfaces.read(name), surfaces.placed.get(name))

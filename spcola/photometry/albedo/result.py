@@ -39,8 +39,9 @@ class AlbedoSolution:
     residual_start, residual : float
         Median over images of the relative residual of brightness, with an even albedo and at the
         end; NaN without images.
-    changes : tuple of float
-        Root mean square of the changes of the albedo in each round, relative to its mean.
+    changes, residuals : tuple of float
+        Of each round: root mean square of the changes of the albedo, relative to its mean, and
+        residual before it.
     outcome : AlbedoOutcome
     """
 
@@ -51,6 +52,7 @@ class AlbedoSolution:
     residual_start: float
     residual: float
     changes: tuple[float, ...]
+    residuals: tuple[float, ...]
     outcome: AlbedoOutcome
 
     @property

@@ -118,13 +118,13 @@ def solve_albedo(
     work.find_scales()
     if not any(np.isfinite(state.spread) for state in work.states):
         return work.nothing()
-    start = work.residual
-    changes = list[float]()
+    residuals, changes = list[float](), list[float]()
     for _ in range(options.photoclinometry.rounds):
+        residuals.append(work.residual)
         changes.append(work.round())
         if work.settled(changes):
             break
-    return work.result(ground, start, changes)
+    return work.result(ground, residuals, changes)
 
 
 @dataclass(eq=False)
@@ -302,9 +302,12 @@ class _Work:
         unknown, nan = np.full(self.ground.grid.shape, np.nan), float("nan")
         mean = self.options.photoclinometry.convention.mean
         fits = Tally(len(self.states)).fits(self.ground.images, self.states)
-        return AlbedoSolution(unknown, unknown, mean, fits, nan, nan, (), AlbedoOutcome.NO_IMAGE)
+        none = AlbedoOutcome.NO_IMAGE
+        return AlbedoSolution(unknown, unknown, mean, fits, nan, nan, (), (), none)
 
-    def result(self, ground: Maplet, start: float, changes: list[float]) -> AlbedoSolution:
+    def result(
+        self, ground: Maplet, residuals: list[float], changes: list[float]
+    ) -> AlbedoSolution:
         """Return the albedo of points, with sigmas and fits."""
         own = self.options.photoclinometry
         variance, tally = np.full(self.albedo.shape, np.nan), Tally(len(self.states))
@@ -322,9 +325,10 @@ class _Work:
             own.convention.stated(np.sqrt(_at_points(variance, ground.valid))),
             own.convention.mean,
             tally.fits(self.ground.images, self.states),
-            start,
+            residuals[0],
             self.residual,
             tuple(changes),
+            tuple(residuals),
             AlbedoOutcome.CONVERGED if self.settled(changes) else AlbedoOutcome.NOT_CONVERGED,
         )
 

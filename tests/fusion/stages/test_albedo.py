@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 from command_line import call, called, refused
 
+from fusion.report.photoclinometry import gather_solved
+from fusion.runtime import json_value
+from fusion.service.api.schemas.solved import SolvedIndex, SolvedMaplet
+from fusion.service.views.photoclinometry import solved_index, solved_maplet, solved_picture
 from fusion.stages.albedo import ALBEDO_KEYS
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
@@ -148,8 +152,8 @@ def test_mapolas_become_maplets_that_correlate_with_those_from_images(root, of_m
     assert set(names.values()) <= set(made.maplet_names())
     assert set(names.values()) <= set(made.landmark_names())
     for mapola in SOME:
-        name, before = names[mapola], made.mapola_names()
-        assert before == []
+        name = names[mapola]
+        assert made.mapola_names() == []
         maplet, lidar = made.maplet(name), Workspace.open(root).mapola(mapola)
         np.testing.assert_allclose(maplet.height, lidar.height, atol=4e-4, equal_nan=True)
         one = content["surfaces"][name]
@@ -158,6 +162,13 @@ def test_mapolas_become_maplets_that_correlate_with_those_from_images(root, of_m
         landmark = made.landmark(name)
         assert [point.name for point in landmark.pictures] == sorted(one["measured"])
         assert mapola in {overlap.name for overlap in landmark.overlaps}
+        # The maplet there is the other one's neighbour too, and keeps all else that it had.
+        assert name in {overlap.name for overlap in made.landmark(mapola).overlaps}
+        before, after = (
+            Workspace.open(root, of).landmark_path(mapola).read_text().splitlines()
+            for of in ("", "lidar")
+        )
+        assert [line for line in after if "LA000" not in line] == before
         image = made.image(one["measured"][0])
         point = next(point for point in image.landmarks if point.name == name)
         assert (point.pixel, point.line) == (
@@ -170,6 +181,34 @@ def test_mapolas_become_maplets_that_correlate_with_those_from_images(root, of_m
     assert content["surfaces"][names[POLAR]]["measured"] == []
     assert {"not-in-images"} <= {one["code"] for one in content["findings"]}
     assert not (root / "MAPFILES" / "LA0001.MAP").exists()
+
+
+def test_report_and_page_show_maplets_whose_albedo_was_solved(root, of_maplets):
+    made = Workspace.open(root, "even")
+    index = json_value(solved_index(made))
+    SolvedIndex.model_validate(index)
+    assert [one["name"] for one in index["maplets"]] == [*SOME, POLAR]
+    assert index["shift_m"] == of_maplets["shift_m"] > 0.0
+    name = SOME[0]
+    one = json_value(solved_maplet(made, name))
+    SolvedMaplet.model_validate(one)
+    stated = of_maplets["surfaces"][name]
+    assert one["reason"].startswith("heights are kept; images determine the albedo of ")
+    assert one["directions"] == []
+    assert [each["albedo"] for each in one["rounds"]] == stated["changes"]
+    assert [each["height_m"] for each in one["rounds"]] == [None] * len(stated["changes"])
+    assert one["rounds"][0]["residual"] == one["residual_start"] > one["residual"]
+    image = next(each["name"] for each in one["images"] if each["fit"] == "used")
+    assert solved_picture(made, name, image)[:8] == b"\x89PNG\r\n\x1a\n"
+    shown = {each.maplet.name: each for each in gather_solved(made).shown}
+    assert set(shown) == {*SOME, POLAR}
+    # Image, rendering and residual are there, not only the codes of what is unknown.
+    assert len(np.unique(shown[name].strips[image])) > 30
+    call("report", root, "--solution", "even")
+    text = (root / "solutions" / "even" / "report.html").read_text()
+    assert "Goodness of fit of the maplets" in text
+    assert f'id="solved-{name}"' in text
+    assert "heights are kept; images determine the albedo" in text
 
 
 def test_a_whole_bigmap_has_one_albedo(imaged_mission, root):

@@ -91,7 +91,7 @@ function described(one: Solution, tree: Tree, workspace: string): HTMLElement {
       ["made by", one.made_by],
       ...(one.made ? [["made", moment(one.made)] as [string, Child]] : []),
       ...own.map(([key, value]): [string, Child] => [key.replace(/_/g, " "), factText(key, value, one.facts)]),
-      ...("lithos" in one.facts
+      ...("lithos" in one.facts || "albedo" in one.facts
         ? [["maplets and images", element("a", { href: hrefOf(workspace, "photoclinometry", [], { solution: one.name }) }, "goodness of fit")] as [string, Child]]
         : []),
       ...(one.parent

@@ -18,7 +18,7 @@ export const photoclinometry: View = {
   title: "Photoclinometry",
   async open(root, route, signal) {
     const tree = await getWhole<Tree>(pathOf(route.workspace, "solutions"), "solutions", { signal });
-    const names = tree.solutions.filter((one) => "lithos" in one.facts).map((one) => one.name);
+    const names = tree.solutions.filter((one) => "lithos" in one.facts || "albedo" in one.facts).map((one) => one.name);
     const solution = route.query.get("solution") ?? (names.includes(tree.in_use) ? tree.in_use : names.at(-1));
     if (solution === undefined) {
       fill(root, element("h1", {}, "Photoclinometry"), nothing(route.workspace));

@@ -64,8 +64,13 @@ function around({ around: names }: SolvedMaplet): [string, string][] {
   return [["maplets around that hide and shade it", names.slice(0, NAMED).join(", ") + more]];
 }
 
+/** In how many directions images determine slopes; of kept slopes nothing. */
+function determined({ directions }: SolvedMaplet): [string, string][] {
+  const share = (k: number): string => `${fixed(100 * (directions[k] ?? 0), 0)} %`;
+  return directions.length ? [["slopes determined in 2, 1, 0 directions", `${share(2)}, ${share(1)}, ${share(0)}`]] : [];
+}
+
 function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: string, inUse: boolean): HTMLElement[] {
-  const share = (k: number): string => `${fixed(100 * (found.directions[k] ?? 0), 0)} %`;
   const index = hrefOf(workspace, "photoclinometry", [], { solution: found.solution });
   return [
     element(
@@ -87,7 +92,7 @@ function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: s
       ["sigma of heights", metres(found.sigma_m)],
       ["sigma of slopes", fixed(found.slope_sigma ?? null, 3)],
       ["sigma of the relative albedo", fixed(found.albedo_sigma ?? null, 3)],
-      ["slopes determined in 2, 1, 0 directions", `${share(2)}, ${share(1)}, ${share(0)}`],
+      ...determined(found),
       ...openAxis(found),
       ...around(found),
     ]),
@@ -173,12 +178,15 @@ function draw(plots: HTMLElement, { rounds, gsd_m: gsd }: SolvedMaplet, signal: 
   fill(plots, card("Residual by round", residual), card("Changes by round", changes));
   const line = (label: string, y: (number | null)[], colour: string) => ({ label, y, sigma: null, colour });
   const nothing = (): void => undefined;
+  // Heights are kept where only the albedo was solved.
+  const moved = rounds.map(({ height_m: height }) => (height === null ? null : Math.max(height / gsd, LEAST_CHANGE)));
+  const heights = moved.some((one) => one !== null) ? [line("heights (GSD)", moved, "--spc")] : [];
   const stepX = Math.ceil(rounds.length / 12);
   bandPlot(residual, numbers, [line("residual", rounds.map((one) => (one.residual === null ? null : 100 * one.residual)), "--text")], { x: "round", y: "residual (%)" }, nothing, signal, { stepX });
   bandPlot(
     changes,
     numbers,
-    [line("heights (GSD)", rounds.map((one) => Math.max(one.height_m / gsd, LEAST_CHANGE)), "--spc"), line("albedo", rounds.map((one) => Math.max(one.albedo, LEAST_CHANGE)), "--lidar")],
+    [...heights, line("albedo", rounds.map((one) => Math.max(one.albedo, LEAST_CHANGE)), "--lidar")],
     { x: "round", y: "change" },
     nothing,
     signal,

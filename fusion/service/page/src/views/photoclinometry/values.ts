@@ -81,7 +81,7 @@ export interface SolvedMaplet {
   light_ratio: number | null;
   shift_ratio: number | null;
   gsd_m: number;
-  rounds: { gsd_m: number; residual: number | null; height_m: number; albedo: number }[];
+  rounds: { gsd_m: number; residual: number | null; height_m: number | null; albedo: number }[];
   images: SolvedImage[];
   constraints: SolvedConstraint[];
   findings: Outliers[];
