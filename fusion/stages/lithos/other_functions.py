@@ -14,6 +14,7 @@ from fusion.stages.lithos.coarse import coarse_solution
 from fusion.stages.lithos.sources import LithosSources
 from spcola.arrays import FloatArray
 from spcola.photometry.functions import (
+    PHOTOMETRIC_FUNCTIONS,
     PhotometricFunction,
     lambert,
     lommel_seeliger,
@@ -64,7 +65,7 @@ class OtherFunctions:
         if len(chosen) < _FEWEST_MAPLETS:
             return cls((), {})
         used = sources.options.photoclinometry.function
-        functions = [used, *(one for one in _FUNCTIONS if one.code is not used.code)]
+        functions = [used, *_others(used)]
         asked = [_Asked(name, one) for name in chosen for one in functions]
         label = "maplets with other photometric functions"
         with progress.items(label, [1.0] * len(asked), executor.workers) as task:
@@ -108,6 +109,13 @@ class OtherFunctions:
                 "--photometry",
             }
         ]
+
+
+def _others(used: PhotometricFunction) -> list[PhotometricFunction]:
+    """Return what a function is compared with: other formulas, and itself as it is by default."""
+    usual = PHOTOMETRIC_FUNCTIONS[used.name]
+    own = [usual] if usual.values != used.values else []
+    return own + [one for one in _FUNCTIONS if one.code is not used.code]
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,15 @@ def test_a_wrong_function_is_named_with_the_better_one(root):
     assert f"better with {better}: " in doubtful["do"]
 
 
+def test_wrong_parameters_of_the_right_function_are_compared_with_those_by_default(root):
+    # Nearly Lambert's at all phase angles, where the mission has L = 1 − 0.019 α + … .
+    wrong = "lunar-lambert a=-0.2 b=0 c=0"
+    ratios, found = findings(root, "--photometry", wrong, "--as", "parameters")
+    assert set(ratios) == {"lunar-lambert", "lambert", "lommel-seeliger"}
+    assert ratios["lunar-lambert"] < 0.95
+    assert "better with l" in found["photometry-doubtful"]["do"]
+
+
 def test_too_few_maplets_are_not_compared(root):
     content = called("spc", "lithos", root, "--only", "TR0009", "--as", "single")
     assert content["photometry_ratios"] is None

@@ -168,6 +168,24 @@ def test_one_scale_determines_the_phase_function_and_the_normal_albedo(fitted):
     assert apart == pytest.approx(0.006, abs=3.0 * np.hypot(*(one["sigma"] for one in slopes)))
 
 
+def test_calibrated_images_get_phase_functions_also_without_a_choice_of_functions(root):
+    """Without calibration phase parameters are kept, as no data of such images determine them."""
+    given = ("photometry", "fit", root, "--filter", "RED")
+    own, common = (called(*given, *more)["filters"][0] for more in ((), ("--calibrated",)))
+    parameters = [
+        {one["name"].split()[0]: set(one["parameters"]) for one in found["functions"]}
+        for found in (own, common)
+    ]
+    assert parameters[0]["akimov-phase"] == {"eta"}
+    assert parameters[1]["akimov-phase"] == {"eta", "slope"}
+    assert parameters[1]["lommel-seeliger-exponential"] == {"a", "b", "c"}
+    assert {"B0", "h"} <= parameters[1]["hapke-rough"]
+    # Hapke's with all four parameters comes as near as the one that was planted.
+    assert "akimov-phase" in (common["preferred"], *common["as_good"])
+    slope = next(one for one in common["functions"] if one["name"] == "akimov-phase")
+    assert slope["parameters"]["slope"]["code"] is None
+
+
 def test_the_scale_is_printed_and_a_filter_by_itself_is_the_same(root, fitted):
     given = ("photometry", "fit", root, *GIVEN, "--calibrated", "--filter", "RED")
     assert called(*given)["filters"] == [fitted[1]["filters"][1]]
