@@ -20,9 +20,9 @@ _FEWEST, _FEW_FACTOR = 8, 3.0
 # Fewest of the others with which one is compared, such as the images of a maplet.
 _COMPANY = 3
 # An image shows other relief than the others if its residual is so many times the median of its
-# maplets, it correlates less than this, and as many maplets show it, or all. Of right images of
-# seven bodies of `mini`, `bennu` and 67P at most two maplets show one that passes the first two.
-_UNLIKE_FACTOR, _ALIKE, _UNLIKE_MAPLETS = 4.0, 0.6, 3
+# maplets, it correlates less than this, and as many of its pixels count. Of right images of seven
+# bodies of `mini`, `bennu` and 67P one that passes the first two has 620 pixels at most.
+_UNLIKE_FACTOR, _ALIKE, _UNLIKE_PIXELS = 4.0, 0.6, 800
 # A shift below, pixels, is no outlier: images are matched no better than to a tenth of a pixel.
 _LEAST_SHIFT = 0.3
 
@@ -85,14 +85,13 @@ def _unlike(fits: Mapping[tuple[str, str], ImageFit]) -> list[str]:
     """
     residuals = _compared({pair: fit.residual for pair, fit in fits.items()}, by=1)
     alike = _medians({pair: fit.correlation for pair, fit in fits.items()}, by=1)
-    maplets = {maplet for maplet, _ in fits}
-    shown = Counter(image for _, image in fits)
+    pixels = Counter[str]()
+    for (_, image), fit in fits.items():
+        pixels[image] += fit.pixels
     return [
         name
         for name, ratio in sorted(residuals.items())
-        if ratio > _UNLIKE_FACTOR
-        and alike[name] < _ALIKE
-        and shown[name] >= min(_UNLIKE_MAPLETS, len(maplets))
+        if ratio > _UNLIKE_FACTOR and alike[name] < _ALIKE and pixels[name] >= _UNLIKE_PIXELS
     ]
 
 

@@ -86,6 +86,20 @@ def test_an_image_is_not_blamed_for_the_maplets_that_it_shows(fits):
     assert sorted(codes(found)["maplet-residual"]) == list(bad)
 
 
+def test_an_image_of_other_relief_is_named_also_where_a_single_maplet_shows_it(fits):
+    # Its noise contains the relief that the surface lacks, so that the ratio to it is usual.
+    def other(pixels, correlation):
+        fit = fits["AA0000"][0]
+        made = replace(
+            fit, name="I99", residual=8.0 * fit.residual, noise=8.0 * fit.noise, pixels=pixels,
+            correlation=correlation,
+        )  # fmt: skip
+        return {**fits, "AA0000": [*fits["AA0000"], made]}
+
+    assert codes(other(1500, 0.5)) == {"image-residual": ["I99"]}
+    assert codes(other(500, 0.5)) == codes(other(1500, 0.7)) == {}
+
+
 def test_few_are_not_compared(fits):
     few = {name: ones[:3] for name, ones in list(fits.items())[:3]}
     assert codes(few) == {}
