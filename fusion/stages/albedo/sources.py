@@ -25,7 +25,7 @@ from spcola.photometry.photoclinometry import ImageFit
 
 # Cells along a side of the ground for which images are chosen, and most squares of them.
 _SIDE, _MOST_SIDES = 98, 6
-# Bytes of a cell for each image, and besides.
+# Bytes of a cell for each image, and without images.
 _CELL_IMAGE_BYTES, _CELL_BYTES = 2, 200
 
 

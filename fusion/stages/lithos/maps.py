@@ -93,7 +93,7 @@ def read_maps(paths: Iterable[Path], sigma_m: float | None) -> tuple[ExternalMap
 
 
 def _surface_of(path: Path) -> Maplet | TerrainRaster:
-    """Return what a file holds, by its first bytes."""
+    """Return what a file contains, by its first bytes."""
     try:
         with path.open("rb") as file:
             begin = file.read(8)

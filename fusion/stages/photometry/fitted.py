@@ -67,7 +67,7 @@ def fit_photometry(
     NotObservableError
         If there are too few images or places.
     """
-    functions = [_with_held(text) for text in options.functions]
+    functions = [_with_fixed(text) for text in options.functions]
     content: dict[str, Any] = {
         "solution": workspace.solution,
         "calibrated": options.calibrated,
@@ -89,8 +89,8 @@ def fit_photometry(
     return content
 
 
-def _with_held(text: str) -> tuple[PhotometricFunction, PhotometricFunction]:
-    """Return a function whose given parameters are held, and the function with all of them.
+def _with_fixed(text: str) -> tuple[PhotometricFunction, PhotometricFunction]:
+    """Return a function whose given parameters are fixed, and the function with all of them.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _with_held(text: str) -> tuple[PhotometricFunction, PhotometricFunction]:
     if not text.strip():
         raise SettingsError("is empty", "--function")
     whole = photometric_function(text)
-    return whole.holding([one.partition("=")[0] for one in text.split()[1:]]), whole
+    return whole.fixing([one.partition("=")[0] for one in text.split()[1:]]), whole
 
 
 def _filter_json(
@@ -142,8 +142,8 @@ def _function_json(standing: Standing, whole: PhotometricFunction) -> dict[str, 
             "text": text,
         }
     setting = whole.having(values).text
-    held = {one.name for one in whole.parameters} - set(values)
-    name = " ".join([whole.name, *(part for part in setting.split()[1:] if _of(part) in held)])
+    fixed = {one.name for one in whole.parameters} - set(values)
+    name = " ".join([whole.name, *(part for part in setting.split()[1:] if _of(part) in fixed)])
     return {
         "name": name,
         "setting": setting,
@@ -173,8 +173,9 @@ def photometry_lines(content: Mapping[str, Any]) -> Iterator[str]:
     for one in content["filters"]:
         low, high = one["phase_deg"]
         yield (
-            f"filter {one['filter']}: {one['n_images']} images, {one['n_samples']} places of "
-            f"which {one['n_independent']:.0f} are independent, phase {low:.0f}° to {high:.0f}°"
+            f"filter {one['filter']}: {one['n_images']} images, {one['n_samples']} blocks of "
+            f"ground in them ({one['n_independent']:.0f} independent), phase {low:.0f}° to "
+            f"{high:.0f}°"
         )
         for each in one["functions"]:
             mark = "*" if each["name"] == one["preferred"] else "=" if each["as_good"] else " "

@@ -36,7 +36,7 @@ class PhotometryOptions:
     Parameters
     ----------
     functions : tuple of str
-        As in settings; parameters that are given are held.
+        As in settings; parameters that are given are fixed.
     filter : str
         Images of this filter alone; empty for all, each filter by itself.
     calibrated : bool

@@ -191,7 +191,7 @@ class _Fit:
         rendered = render_frame(self.caster, self.now, step=step, function=self.options.function)
         seen = block_means(_pixels(self.now), step)
         one, other = (gaussian_filter(cells, _SMOOTHING) for cells in (seen, rendered.brightness))
-        # Sky beyond the blur of both says nothing of the state.
+        # Sky beyond the blur of both shows nothing of the state.
         used = (other > 0.0) | (one > self.now.thresholds[0])
         if np.count_nonzero(used) < _FEWEST:
             raise InvalidValueError("shows too little lit ground", self.now.name)

@@ -121,8 +121,8 @@ class PhotometricFunction:
         old = zip(names, self.values, strict=True)
         return replace(self, values=tuple(float(values.get(name, value)) for name, value in old))
 
-    def holding(self, names: Collection[str]) -> PhotometricFunction:
-        """Return the function with some parameters held: they are no longer among its own.
+    def fixing(self, names: Collection[str]) -> PhotometricFunction:
+        """Return the function with some parameters fixed: they are no longer among its own.
 
         Parameters
         ----------

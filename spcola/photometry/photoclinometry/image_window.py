@@ -206,7 +206,8 @@ class ImageWindow:
     def turned(self) -> ImageWindow:
         """Return the same with its light on the other side of the grid's normal.
 
-        Ground beyond the grid does not shade it then.
+        Ground beyond the grid does not shade it then: a Sun that is stated wrong has its shadows in
+        the wrong place.
         """
         half_turn = np.array([-1.0, -1.0, 1.0])
         if self.secondary is not None:

@@ -47,9 +47,9 @@ class PhotoclinometryOptions:
         does not resolve. Without it these errors would bend the surface.
     contrast_sigma : float
         Standard deviation of the error of an image's contrast, relative: relief that the grid does
-        not resolve, stray light, the photometric function. It tilts and bends the surface. It is
-        not estimated, as the priors of slopes and albedo would favour less relief, but is in the
-        sigmas.
+        not resolve, light scattered in the camera, the photometric function. It tilts and bends the
+        surface. It is not estimated, as the priors of slopes and albedo would favour less relief,
+        but is in the sigmas.
     shift_sigma_px : float
         Standard deviation of the place of the grid in an image whose state is known exactly,
         pixels: errors of the camera.

@@ -209,7 +209,8 @@ class SurfaceFit:
         """Return the same before the first round, the Sun on the other side of the grid's normal.
 
         Relief seen in such light has its hills where the images have hollows: their brightness
-        fits as well in each, and only stereo shows which is right.
+        fits as well in each, and only stereo shows which is right. Shadows of ground around stay as
+        they are, so that the same pixels count.
         """
         axes = self.start.grid.axes
         turn = axes.T @ np.diag([-1.0, -1.0, 1.0]) @ axes

@@ -1,7 +1,7 @@
 // Kinds of jobs as the service describes them: a JSON schema each, which forms are made of.
 import { getAll } from "../../api";
 
-/** The schema of a parameter; the keys with "x-" say what a form needs besides its type. */
+/** The schema of a parameter; the keys with "x-" are what a form needs in addition to its type. */
 export interface Schema {
   type?: "string" | "integer" | "number" | "boolean" | "array" | "object" | "null";
   anyOf?: Schema[];
