@@ -107,6 +107,23 @@ def test_slopes_err_by_the_sigmas_that_are_written(mission, solved):
         assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.4
 
 
+def test_albedo_errs_by_the_sigma_that_is_written(mission, solved):
+    """About its mean: by 0.82 and 1.16 sigma here."""
+    root, settings = mission
+    for name in SOME[:2]:
+        path = root / "solutions" / "images" / "MAPFILES" / f"{name}.MAP"
+        maplet, back = Workspace.open(root, "images").maplet(name), settings.to_spc.inverse()
+        sigma = read_albedo_sigma(albedo_sigma_path(path), maplet.grid.half_size)
+        points = back.apply(maplet.points()[maplet.valid])
+        planted = np.full(maplet.height.shape, np.nan)
+        outward = points / np.linalg.norm(points, axis=1, keepdims=True)
+        planted[maplet.valid] = TruthBody(settings.body).albedo(outward)
+        wrong = maplet.albedo / np.nanmean(maplet.albedo) - planted / np.nanmean(planted)
+        pulls = (wrong / sigma)[2:-2, 2:-2]
+        assert np.isfinite(pulls).mean() > 0.9
+        assert 0.5 < np.sqrt(np.nanmean(pulls**2)) < 1.5, name
+
+
 def test_other_commands_take_a_solution_of_which_some_maplets_were_solved(mission, solved):
     assert solved[0]["solution"] == "images"
     assert unsound_maplets(Workspace.open(mission[0], "images")) == ()
