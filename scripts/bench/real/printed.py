@@ -161,4 +161,5 @@ def _picture(layer: FloatArray, limits: Sequence[float]) -> str:
     large = np.repeat(np.repeat(np.nan_to_num(layer), _ENLARGED, axis=0), _ENLARGED, axis=1)
     stream = io.BytesIO()
     imsave(stream, large, cmap="gray", vmin=limits[0], vmax=limits[1], format="png")
-    return f'<img src="data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}">'
+    data = base64.b64encode(stream.getvalue()).decode()
+    return f'<img style="max-width: 13rem" src="data:image/png;base64,{data}">'
