@@ -11,8 +11,8 @@ start, at the states that they get against the same shape.
 
 `--gammas` imports every fourth frame of 67P with several encodings of the brightness, and prints
 which one fits. `--maplets` solves so many maplets of each body only, `--every 4` takes every fourth
-frame of 67P, for a trial. Workspaces and the page of the best and worst go into `--work`. All takes a quarter of an hour
-on one core.
+frame of 67P, for a trial. Workspaces and the page of the best and worst go into `--work`. All takes
+a quarter of an hour on one core.
 """
 
 from __future__ import annotations

@@ -49,8 +49,9 @@ def coarse_solution(
     images = coarse_images(sources, name)
     digests = {image.name: sources.digests.of(image) for image in images}
     options = replace(
-        sources.options.photoclinometry.for_images(digests), function=function, levels=(1,)
-    )
+        sources.options.photoclinometry.for_images(digests), function=function, levels=(1,),
+        other_functions=(),
+    )  # fmt: skip
     around = HeightConstraint.of_sigma("start", start.height, start.grid.gsd, common=_COMMON)
     states = {image: sources.images.states[image] for image in digests}
     return sources.from_images(

@@ -15,6 +15,7 @@ from fusion.stages.bad_images import ImageUse, Outline, no_usable_image, with_ri
 from fusion.stages.lithos.blurs import blur_path, with_blurs
 from fusion.stages.lithos.constraining import ConstrainingHeights, no_shape
 from fusion.stages.lithos.digests import ImageDigests
+from fusion.stages.lithos.likely_functions import photometry_path, with_likely_functions
 from fusion.stages.lithos.options import LithosOptions
 from fusion.stages.lithos.shade import check_shade, looks_at
 from fusion.stages.register import ImageScene
@@ -82,7 +83,7 @@ class LithosSources:
             If no image can be used (it needs pixels of the size of its .SUM, and a state of known
             uncertainty), there are no maplets, or the start needs a shape and there is none.
         WorkspaceError, RejectedResultError, FormatError
-            As :meth:`ConstrainingHeights.of`, and :func:`with_blurs`.
+            As :meth:`ConstrainingHeights.of`, :func:`with_blurs` and :func:`with_likely_functions`.
         """
         grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         if not grids:
@@ -90,6 +91,7 @@ class LithosSources:
         images = ImageScene.of(workspace, list(grids.values()), RegisterSettings())
         light = options.photoclinometry.function
         solver = with_blurs(options.photoclinometry, workspace, options.image_blur)
+        solver = with_likely_functions(solver, workspace)
         options = replace(options, photoclinometry=solver)
         images, wrong = with_right_sizes(images)
         images = replace(images, choice=ChoiceOptions(most=options.max_images, light=light))
@@ -134,7 +136,8 @@ class LithosSources:
         every = self.heights.limbs is not None
         found = self.digests.files(one for one in self.images.images if every or one.name in shown)
         blur = blur_path(self.workspace, self.options.image_blur)
-        paths = [*self.heights.paths, *([] if blur is None else [blur])]
+        fitted = photometry_path(self.workspace)
+        paths = [*self.heights.paths, *(one for one in (blur, fitted) if one is not None)]
         return found | {self.workspace.relative(path): file_digest(path) for path in paths}
 
     def showing(self, name: str) -> list[SpcImage]:

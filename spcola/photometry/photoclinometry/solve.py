@@ -15,6 +15,7 @@ from spcola.grids.bending import bending_around
 from spcola.photometry.ground import at_cells
 from spcola.photometry.photoclinometry.albedo_equations import albedo_information
 from spcola.photometry.photoclinometry.constraints import HeightConstraint, constrained_points
+from spcola.photometry.photoclinometry.function_errors import FunctionErrors
 from spcola.photometry.photoclinometry.judging import LEAST_DETERMINED, outcome_of
 from spcola.photometry.photoclinometry.left_over import area_left_over
 from spcola.photometry.photoclinometry.nuisances import nuisance_values, with_contrast
@@ -138,7 +139,8 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     equations = height_equations(trusted, fit.surface, counted, options, most_m=farthest)
     posterior = equations.posterior(contrast, options.contrast_sigma)
     bend, top, finer = _bend_errors(fit)
-    height_sigma = np.sqrt(posterior.heights() + bend**2 + top**2)
+    by_function = FunctionErrors.of(fit)
+    height_sigma = np.sqrt(posterior.heights() + by_function.heights + bend**2 + top**2)
     maplet = replace(
         fit.start,
         height=np.where(known, fit.surface.height, np.nan),
@@ -151,8 +153,11 @@ def _result(fit: SurfaceFit) -> Photoclinometry:
     sloped = np.isfinite(cell_slopes(maplet.height, gsd))
     # What the grid does not resolve is independent at the four points of a cell.
     slope_variance = posterior.slopes(gsd) + at_cells(bend**2 + finer**2) / gsd**2
+    slope_variance += by_function.slopes
     slope_sigma = np.where(sloped, np.sqrt(slope_variance), np.nan)
-    albedo_sigma = albedo_sigma_of(reduced, posterior, options)
+    albedo_sigma = np.hypot(
+        albedo_sigma_of(reduced, posterior, options), np.sqrt(by_function.albedo)
+    )
     # Images count less than a prior of `albedo_sigma`: unknown, as on fixed topography.
     by_images = reduced.albedo.weight - expected.information
     albedo_sigma[by_images < options.albedo_sigma**-2.0] = np.nan
