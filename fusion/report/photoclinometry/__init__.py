@@ -2,12 +2,7 @@
 
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.gather import SolvedMaplets, gather_solved, solved_inputs
-from fusion.report.photoclinometry.goodness import (
-    goodness_index,
-    goodness_path,
-    read_goodness,
-    residual_limit,
-)
+from fusion.report.photoclinometry.goodness import goodness_index, read_goodness, residual_limit
 from fusion.report.photoclinometry.section import solved_section
 from fusion.report.photoclinometry.strips import strip_png
 
@@ -15,7 +10,6 @@ __all__ = [
     "SolvedMaplets",
     "gather_solved",
     "goodness_index",
-    "goodness_path",
     "image_strip",
     "read_goodness",
     "residual_limit",

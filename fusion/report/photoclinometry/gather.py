@@ -11,7 +11,6 @@ from fusion.report.photoclinometry.around import around_caster, around_files
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.goodness import (
     chosen_maplets,
-    goodness_path,
     read_goodness,
     worst_images,
 )
@@ -114,7 +113,7 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
         for name in sorted(names)
         for path in (workspace.image_path(name), workspace.exposure_path(name))
     ]
-    return [goodness_path(workspace), *shape, *sorted(around), *directions, *images]
+    return [workspace.goodness_path, *shape, *sorted(around), *directions, *images]
 
 
 def _shown(

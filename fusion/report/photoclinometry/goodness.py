@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,20 +22,6 @@ _SHARED = ("residual", "noise_ratio", "correlation", "shift_px", "shift_m")
 _OF_MAPLETS = ("outcome", "residual_start", *_SHARED, "sigma_m")
 
 
-def goodness_path(workspace: Workspace) -> Path:
-    """Return the file that has how images fit maplets; it may be missing.
-
-    It is ``photoclinometry.json``, or ``albedo.json`` where only the albedo was solved.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        In the solution.
-    """
-    solved, albedo = workspace.photoclinometry_path, workspace.albedo_path
-    return albedo if albedo.is_file() and not solved.is_file() else solved
-
-
 def read_goodness(workspace: Workspace) -> dict[str, Any] | None:
     """Return the content of ``photoclinometry.json``; None if the solution has none.
 
@@ -53,7 +38,7 @@ def read_goodness(workspace: Workspace) -> dict[str, Any] | None:
     FormatError
         If it lacks what is shown.
     """
-    path = goodness_path(workspace)
+    path = workspace.goodness_path
     content = workspace.find_json(path.name)
     if content is None:
         return None

@@ -9,7 +9,6 @@ from typing import Any
 
 from fusion.report.photoclinometry import (
     goodness_index,
-    goodness_path,
     image_strip,
     read_goodness,
     residual_limit,
@@ -143,7 +142,7 @@ def _key(
     """Return what a picture is made from."""
     own = name_of_image(image) or image
     paths = [
-        goodness_path(workspace), workspace.maplet_path(maplet), workspace.image_path(own),
+        workspace.goodness_path, workspace.maplet_path(maplet), workspace.image_path(own),
         workspace.exposure_path(own), *([workspace.shape_path()] if workspace.has_shape() else []),
     ]  # fmt: skip
     around = _around_stamp(workspace, content, maplet)
@@ -156,7 +155,7 @@ def _around_stamp(workspace: Workspace, content: dict[str, Any], maplet: str) ->
 
 
 def _content(workspace: Workspace) -> dict[str, Any]:
-    path = goodness_path(workspace)
+    path = workspace.goodness_path
     if not path.is_file():
         do = f"run: spcola spc lithos {workspace.root}"
         raise WorkspaceError("is not there: no maplet of the solution is from images", path, do)
