@@ -92,6 +92,9 @@ def solved_section(solved: SolvedMaplets) -> str:
 def _function(index: _Row) -> str:
     """Return the photometric function, and how images fit with others."""
     used = f"Photometric function: {escape(index['options']['photometry'])}"
+    likely = index["options"].get("other_photometry")
+    if likely is not None:
+        used += f" (in sigmas also: {escape(', '.join(likely)) or 'no other is as good'})"
     ratios = index["photometry_ratios"]
     if not ratios:
         return f"<p>{used}; not compared with others.</p>"

@@ -50,7 +50,7 @@ def coarse_solution(
     digests = {image.name: sources.digests.of(image) for image in images}
     options = replace(
         sources.options.photoclinometry.for_images(digests), function=function, levels=(1,),
-        other_functions=(),
+        other_functions=None,
     )  # fmt: skip
     around = HeightConstraint.of_sigma("start", start.height, start.grid.gsd, common=_COMMON)
     states = {image: sources.images.states[image] for image in digests}

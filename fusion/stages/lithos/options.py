@@ -196,7 +196,9 @@ class LithosOptions:
             "max_images": self.max_images,
             "secondary_light": list(self.secondary),
             "photometry": own.function.text,
-            "other_photometry": {one.text: weight for one, weight in own.other_functions},
+            "other_photometry": None
+            if own.other_functions is None
+            else {one.text: weight for one, weight in own.other_functions},
             "psf_px": own.psf_px,
             "image_blur": own.blurs.as_json(),
             "albedo_sigma": own.albedo_sigma,

@@ -25,7 +25,8 @@ from spcola.arrays import FloatArray
 from spcola.photometry.photoclinometry import Fit, Outcome, Photoclinometry
 
 PHOTOCLINOMETRY_KEYS = {
-    "options": "what was asked for",
+    "options": "what was asked for; other_photometry: functions that images do not distinguish "
+    "from the one in use, and their weights in the variances, null without `spcola photometry fit`",
     "outcomes": "number of maplets by outcome",
     "residual_start": "median over maplets that were solved, relative residual of brightness of "
     "their starts",
@@ -125,6 +126,11 @@ class LithosResult(SolutionResult):
                 f"  residual of brightness {_shown(before, '.1%')} → {_shown(after, '.1%')}, sigma "
                 f"of heights {_shown(sigma, '.3f', ' m')} (medians)"
             )
+            if self.content["options"].get("other_photometry") is None:
+                lines.append(
+                    "  sigmas lack errors of the photometric function: spcola photometry fit finds "
+                    "them"
+                )
             lines += _worst_lines(self.content)
         lines += finding_lines(self.content["findings"])
         return [*lines, use_line(self.folder)]

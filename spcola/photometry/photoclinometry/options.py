@@ -112,9 +112,9 @@ class PhotoclinometryOptions:
         those of albedo, and change of the residual of brightness (relative, median over images)
         from round to round, at which a level is converged. Where images are blurred differently
         and fit well, rounds go on until heights change by a tenth of that.
-    other_functions : tuple of (PhotometricFunction, float)
+    other_functions : tuple of (PhotometricFunction, float), optional
         Functions that may be right instead, each with a weight: that of the squares of what it
-        changes, in the variances of heights, slopes and albedo.
+        changes, in the variances of heights, slopes and albedo. None: they are not known.
 
     Raises
     ------
@@ -155,7 +155,7 @@ class PhotoclinometryOptions:
     settled_gsd: float = 0.01
     settled_albedo: float = 0.003
     settled_residual: float = 0.003
-    other_functions: tuple[tuple[PhotometricFunction, float], ...] = ()
+    other_functions: tuple[tuple[PhotometricFunction, float], ...] | None = None
 
     @property
     def albedo_prior(self) -> AlbedoPrior:

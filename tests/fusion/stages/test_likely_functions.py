@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import called, refused
+from command_line import call, called, refused
 
 from fusion.stages.lithos.likely_functions import photometry_path, with_likely_functions
 from fusion.workspace import Workspace
@@ -49,12 +49,12 @@ def fitted(root, *functions, preferred="minnaert"):
 
 
 def others(workspace, options=OPTIONS):
-    found = with_likely_functions(options, workspace).other_functions
+    found = with_likely_functions(options, workspace).other_functions or ()
     return [(one.text, weight) for one, weight in found]
 
 
 def test_without_a_fit_no_other_function_is_known(root):
-    assert others(Workspace.open(root)) == []
+    assert with_likely_functions(OPTIONS, Workspace.open(root)).other_functions is None
     assert photometry_path(Workspace.open(root)) is None
 
 
@@ -68,6 +68,7 @@ def test_functions_as_good_share_their_weight_and_worse_ones_have_none(place):
     own = entry("minnaert k=0.6 k_slope=0.001")
     workspace = fitted(place, own, entry("akimov"), entry("lambert", as_good=False))
     assert others(workspace) == [("akimov", 0.5)]
+    assert with_likely_functions(OPTIONS, fitted(place, own)).other_functions == ()
     # Another one in use: the preferred one may be right too, and the same one counts once.
     again = replace(OPTIONS, function=photometric_function("lommel-seeliger"))
     workspace = fitted(place, own, entry("akimov"), entry("akimov"))
@@ -104,7 +105,9 @@ def test_a_damaged_fit_is_refused_in_one_line(root):
 def test_sigmas_of_a_solution_grow_by_what_as_good_functions_change(root):
     run = "spc", "lithos", root, "--only", MAPLET, "--start", "shape"
     before = called(*run, "--as", "known")
-    assert before["options"]["other_photometry"] == {}
+    assert before["options"]["other_photometry"] is None
+    lacking = "  sigmas lack errors of the photometric function: spcola photometry fit finds them"
+    assert lacking in call(*run, "--as", "printed").stdout.splitlines()
     fitted(root, entry("lunar-lambert", covariance=()), entry("lunar-lambert-exponential"),
            preferred="lunar-lambert")  # fmt: skip
     after = called(*run, "--as", "likely")
@@ -118,5 +121,6 @@ def test_sigmas_of_a_solution_grow_by_what_as_good_functions_change(root):
     np.testing.assert_array_equal(first.height, second.height)
     assert "photometry.json" in read_solution(root, "likely").digests
     # What was fitted before a solution was made holds for it too.
+    assert lacking not in call(*run, "--as", "again").stdout.splitlines()
     made = Workspace.open(root, "likely")
     assert photometry_path(made) == root / "photometry.json"

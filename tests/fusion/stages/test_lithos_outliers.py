@@ -111,7 +111,9 @@ def test_maplets_that_keep_a_start_without_sigma_are_printed(sigmas, shown):
         f"AA{k:04d}": {"rounds": [{}], "residual_start": 0.2, "residual": 0.1, "sigma_m": sigma}
         for k, sigma in enumerate(sigmas)
     }
-    content = {"maplets": maplets, "images": {}, "outcomes": {"diverged": 1}, "findings": []}
+    content = {
+        "options": {}, "maplets": maplets, "images": {}, "outcomes": {"diverged": 1}, "findings": [],
+    }  # fmt: skip
     result = LithosResult("new", "old", Path("body/solutions/new"), content)
     assert any(f"sigma of heights {shown} (medians)" in line for line in result.lines())
 
@@ -122,7 +124,9 @@ def test_maplets_whose_start_images_did_not_show_are_printed(unknown):
         name: {"rounds": [{}], "residual_start": start, "residual": 0.1, "sigma_m": 0.3}
         for name, start in (("AA0001", 0.2), ("AA0002", unknown))
     }
-    content = {"maplets": maplets, "images": {}, "outcomes": {"converged": 2}, "findings": []}
+    content = {
+        "options": {}, "maplets": maplets, "images": {}, "outcomes": {"converged": 2}, "findings": [],
+    }  # fmt: skip
     lines = LithosResult("new", "old", Path("body/solutions/new"), content).lines()
     assert any("residual of brightness 20.0% → 10.0%" in line for line in lines)
 
