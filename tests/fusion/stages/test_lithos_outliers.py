@@ -89,9 +89,9 @@ def test_an_image_is_not_blamed_for_the_maplets_that_it_shows(fits):
 def test_an_image_of_other_relief_is_named_also_where_a_single_maplet_shows_it(fits):
     # Its noise contains the relief that the surface lacks, so that the ratio to it is usual.
     def other(pixels, correlation):
-        fit = fits["AA0000"][0]
+        usual = float(np.median([fit.residual for fit in fits["AA0000"]]))
         made = replace(
-            fit, name="I99", residual=8.0 * fit.residual, noise=8.0 * fit.noise, pixels=pixels,
+            fits["AA0000"][0], name="I99", residual=8.0 * usual, noise=7.0 * usual, pixels=pixels,
             correlation=correlation,
         )  # fmt: skip
         return {**fits, "AA0000": [*fits["AA0000"], made]}
@@ -112,8 +112,12 @@ def test_maplets_that_keep_a_start_without_sigma_are_printed(sigmas, shown):
         for k, sigma in enumerate(sigmas)
     }
     content = {
-        "options": {}, "maplets": maplets, "images": {}, "outcomes": {"diverged": 1}, "findings": [],
-    }  # fmt: skip
+        "options": {},
+        "maplets": maplets,
+        "images": {},
+        "outcomes": {"diverged": 1},
+        "findings": [],
+    }
     result = LithosResult("new", "old", Path("body/solutions/new"), content)
     assert any(f"sigma of heights {shown} (medians)" in line for line in result.lines())
 
@@ -125,8 +129,12 @@ def test_maplets_whose_start_images_did_not_show_are_printed(unknown):
         for name, start in (("AA0001", 0.2), ("AA0002", unknown))
     }
     content = {
-        "options": {}, "maplets": maplets, "images": {}, "outcomes": {"converged": 2}, "findings": [],
-    }  # fmt: skip
+        "options": {},
+        "maplets": maplets,
+        "images": {},
+        "outcomes": {"converged": 2},
+        "findings": [],
+    }
     lines = LithosResult("new", "old", Path("body/solutions/new"), content).lines()
     assert any("residual of brightness 20.0% → 10.0%" in line for line in lines)
 
