@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from photographs import Painted
 from scipy import ndimage
-from solved_photographs import SIGHTS
+from solved_photographs import SIGHTS, slope_error, solved_flat
 
 from spcola.camera import project_image
 from spcola.control.estimation import shift_covariance
@@ -537,6 +537,31 @@ def test_coarser_images_never_make_the_finest_worse(painted, photographs):
     assert wrong([*photographs, *coarse]) < 1.05 * fine
     # Their pixels are three cells wide: that the model spreads cells over pixels sharpens them.
     assert wrong(coarse) < 0.1 * np.std(truth)
+
+
+@pytest.mark.parametrize(("noise", "most"), [(0.0, 1.06), (0.02, 1.0)])
+def test_strongly_oblique_images_do_not_make_others_worse(waves, noise, most):
+    """From 65 degrees aside pixels are 1.2 m long along the ground. With noise they help."""
+    rng = np.random.default_rng(1)
+
+    def seen(toward, sun, name):
+        image = waves.photograph(name, toward, sun, pixel=0.5, size=90)
+        factor = 1.0 + noise * rng.normal(size=image.pixels.shape)
+        return replace(image, pixels=np.rint(image.pixels * factor).astype(np.uint16))
+
+    above = [seen(*sight, f"I{k}") for k, sight in enumerate(SIGHTS[:4])]
+    aside = np.tan(np.radians(65.0)) * np.array([[0.96, 0.3, 0.0], [-0.8, 0.6, 0.0]])
+    suns = [-0.5, 0.4, 0.8], [0.5, 0.5, 0.8]
+    oblique = [
+        seen(one + [0.0, 0.0, 1.0], sun, f"O{k}")
+        for k, (one, sun) in enumerate(zip(aside, suns, strict=True))
+    ]
+    options = replace(FEW_ROUNDS, least_error=0.01)
+    alone, with_oblique = (
+        slope_error(waves, solved_flat(waves, images, options))
+        for images in (above, [*above, *oblique])
+    )
+    assert with_oblique < most * alone
 
 
 def test_too_few_images_keep_the_start(painted, photographs):
