@@ -61,15 +61,6 @@ class ImageBlur:
         """Length of the smear, pixels."""
         return float(np.hypot(*self.smear_px))
 
-    @property
-    def covariance(self) -> FloatArray:
-        r"""Second moments (2, 2) along samples and lines, pixels².
-
-        :math:`\sigma^2 I + d d^T / 12`, of a point spread σ and a smear d.
-        """
-        path = np.array(self.smear_px)
-        return self.psf_px**2 * np.eye(2) + np.outer(path, path) / 12.0
-
     def applied(self, layers: FloatArray, axes: tuple[int, int], *, block: int = 1) -> FloatArray:
         """Return layers of pixels as the image has them: the same array where it is sharp.
 

@@ -52,12 +52,6 @@ class SecondaryLight:
     directions: FloatArray
     irradiance: FloatArray
 
-    @property
-    def main_direction(self) -> FloatArray:
-        """Mean direction (3,) of the light, body-fixed, a unit vector."""
-        light: FloatArray = self.irradiance.mean(axis=(1, 2)) @ self.directions
-        return light / np.linalg.norm(light)
-
     def on_cells(self, grid: MapletGrid) -> tuple[FloatArray, FloatArray]:
         """Return directions (K, 3) along the axes of a grid, and irradiances of its cells.
 

@@ -26,6 +26,12 @@ SUN = np.array([-1.0, 0.0, 0.3]) / np.hypot(1.0, 0.3)
 FOOT, TOP, WIDE = 25.0, 30.0, 40.0
 
 
+def main_direction(light):
+    """Mean direction of the light, body-fixed."""
+    mean = light.irradiance.mean(axis=(1, 2)) @ light.directions
+    return mean / np.linalg.norm(mean)
+
+
 def turned(points, quarter):
     """Points turned about Uz by quarters of a turn."""
     angle = 0.5 * np.pi * quarter
@@ -140,12 +146,12 @@ def test_it_is_the_sum_over_the_lit_wall(shaded):
         expected.append(from_wall(body, np.broadcast_to(normal, body.shape), 0, sun_of(0)))
     ratio = np.array(found) / np.array(expected)
     assert np.std(ratio / ratio.mean()) < 0.02
-    assert light.main_direction[0] > 0.8
+    assert main_direction(light)[0] > 0.8
 
 
 def test_turned_twice_it_is_the_same(shaded):
     light = shaded[2]["I0"]
-    assert light.turned().main_direction[:2] == pytest.approx(-light.main_direction[:2])
+    assert main_direction(light.turned())[:2] == pytest.approx(-main_direction(light)[:2])
     np.testing.assert_allclose(light.turned().turned().directions, light.directions, atol=1e-12)
 
 

@@ -550,10 +550,10 @@ def test_strongly_oblique_images_do_not_make_others_worse(waves, noise, most):
         return replace(image, pixels=np.rint(image.pixels * factor).astype(np.uint16))
 
     above = [seen(*sight, f"I{k}") for k, sight in enumerate(SIGHTS[:4])]
-    aside = np.tan(np.radians(65.0)) * np.array([[0.96, 0.3, 0.0], [-0.8, 0.6, 0.0]])
+    aside = np.tan(np.radians(65.0)) * np.array([[0.96, 0.3], [-0.8, 0.6]])
     suns = [-0.5, 0.4, 0.8], [0.5, 0.5, 0.8]
     oblique = [
-        seen(one + [0.0, 0.0, 1.0], sun, f"O{k}")
+        seen([*one, 1.0], sun, f"O{k}")
         for k, (one, sun) in enumerate(zip(aside, suns, strict=True))
     ]
     options = replace(FEW_ROUNDS, least_error=0.01)
