@@ -70,8 +70,8 @@ PHOTOCLINOMETRY_KEYS = {
     "where sigmas are right and images agree",
     "maplets[].images": "fit, scale λ and its change to the edge, shift (px), residual, noise "
     "(relative), correlation, pixels, and metres a pixel, of each image",
-    "images": "over all maplets: number used, median residual, noise_ratio and correlation, root "
-    "mean square of the shifts (px, m), maplets by fit",
+    "images": "over all maplets: number that it shows, median residual, noise_ratio and "
+    "correlation, root mean square of the shifts (px, m), maplets by fit",
     "photometry_ratios": "by photometric function, residual of brightness with it over that with "
     "the one in use, median over up to nine maplets on grids of 24 cells a side; below 0.95 and in "
     "most of them below 1: photometry-doubtful; null with fewer than three such maplets",
