@@ -62,7 +62,8 @@ function index(found: SolvedIndex, route: Route): HTMLElement[] {
     { title: "Outcome", cell: ({ outcome }) => state(outcome), by: ({ outcome }) => outcome },
     ...fitColumns(found.maplets),
     { title: "Sigma", cell: ({ sigma_m }) => metres(sigma_m), by: ({ sigma_m }) => sigma_m, number: true },
-    { title: "Last change", cell: ({ height_m }) => metres(height_m), by: ({ height_m }) => height_m, number: true },
+    // Heights are kept where only the albedo was solved.
+    ...(found.maplets.some(({ height_m }) => height_m !== null) ? [lastChange] : []),
     codesColumn(),
   ];
   return [
@@ -72,6 +73,7 @@ function index(found: SolvedIndex, route: Route): HTMLElement[] {
       ["residual of brightness", `${percent(found.residual_start)} → ${percent(found.residual)}`],
       ["images shifted by (rms)", metres(found.shift_m)],
       ["photometric function", found.options.photometry],
+      ...likelyFunctions(found),
       ...otherFunctions(found),
     ]),
     findingList(found.findings, link),
@@ -89,6 +91,18 @@ function index(found: SolvedIndex, route: Route): HTMLElement[] {
       worst(found.images),
     ),
   ];
+}
+
+const lastChange: Column<GoodnessOfMaplet> = {
+  title: "Last change",
+  cell: ({ height_m }) => metres(height_m),
+  by: ({ height_m }) => height_m,
+  number: true,
+};
+
+/** Functions that images do not distinguish from the one in use; what they change is in the sigmas. */
+function likelyFunctions({ options: { other_photometry: others } }: SolvedIndex): [string, Child][] {
+  return others ? [["in sigmas also", Object.keys(others).join(", ") || "no other is as good"]] : [];
 }
 
 /** How images fit with other photometric functions, where they were compared. */

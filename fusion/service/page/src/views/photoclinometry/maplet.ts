@@ -64,6 +64,11 @@ function around({ around: names }: SolvedMaplet): [string, string][] {
   return [["maplets around that hide and shade it", names.slice(0, NAMED).join(", ") + more]];
 }
 
+/** Of kept slopes none is known. */
+function slopeSigma({ slope_sigma: sigma }: SolvedMaplet): [string, string][] {
+  return sigma == null ? [] : [["sigma of slopes", fixed(sigma, 3)]];
+}
+
 /** In how many directions images determine slopes; of kept slopes nothing. */
 function determined({ directions }: SolvedMaplet): [string, string][] {
   const share = (k: number): string => `${fixed(100 * (directions[k] ?? 0), 0)} %`;
@@ -90,7 +95,7 @@ function head(found: SolvedMaplet, { size, side_m: side }: Surface, workspace: s
       ["correlation", fixed(found.correlation, 3)],
       ["images shifted by (rms)", `${fixed(found.shift_px, 2)} px, ${metres(found.shift_m)}`],
       ["sigma of heights", metres(found.sigma_m)],
-      ["sigma of slopes", fixed(found.slope_sigma ?? null, 3)],
+      ...slopeSigma(found),
       ["sigma of the relative albedo", fixed(found.albedo_sigma ?? null, 3)],
       ...determined(found),
       ...openAxis(found),

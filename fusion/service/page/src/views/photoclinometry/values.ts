@@ -35,7 +35,7 @@ export interface SolvedIndex {
   residual_start: number | null;
   residual: number | null;
   shift_m: number | null;
-  options: { photometry: string };
+  options: { photometry: string; other_photometry?: Record<string, number> | null };
   photometry_ratios?: Record<string, number | null> | null;
   findings: Outliers[];
   maplets: GoodnessOfMaplet[];
