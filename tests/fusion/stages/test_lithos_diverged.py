@@ -71,6 +71,7 @@ def test_a_maplet_that_diverges_keeps_its_bytes_and_is_named_with_the_reason(wor
     assert kept.read_bytes() == workspace.maplet_path(NAME).read_bytes()
     # All that is stated is of what is kept: the true heights, with which all images correlate.
     assert found["residual"] < 0.5 * found["rounds"][-1]["residual"]
+    assert found["residual"] == found["residual_start"]
     assert found["correlation"] > 0.85
     assert {one["fit"] for one in found["images"].values()} == {"used"}
     assert found["shift_px"] == 0.0
