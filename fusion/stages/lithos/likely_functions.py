@@ -80,7 +80,9 @@ def with_likely_functions(
     try:
         for entry in _as_good(content):
             function = photometric_function(entry["setting"])
-            if function.name == used.name and np.allclose(function.values, used.values, rtol=1e-6):
+            if function.name == used.name and np.allclose(
+                function.values, used.values, rtol=1e-6, atol=0.0
+            ):
                 steps = steps or [*_steps(used, entry)]
             else:
                 others[function.text] = function
@@ -102,23 +104,26 @@ def _as_good(content: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
 
 
 def _steps(used: PhotometricFunction, entry: Mapping[str, Any]) -> Iterator[PhotometricFunction]:
-    """Yield a function one sigma off along each axis of the covariance of its parameters."""
+    """Yield a function one sigma off along each axis of the covariance of its parameters.
+
+    Parameters that the images do not determine, whose covariance may be infinite, end at a bound.
+    """
     names = list(entry["parameters"])
     if not names:
         return
     values = np.array([entry["parameters"][name]["value"] for name in names], dtype=np.float64)
-    bounds = {one.name: (one.lower, one.upper) for one in used.parameters}
+    limits = {one.name: (one.lower, one.upper) for one in used.parameters}
+    lower, upper = np.array([limits[name] for name in names]).T
     covariance = np.array(entry["covariance"], dtype=np.float64)
-    if not np.isfinite(covariance).all():
-        return
+    unknown = ~np.isfinite(covariance).all(axis=0)
+    covariance[unknown] = covariance[:, unknown] = 0.0
+    covariance[unknown, unknown] = (upper - lower)[unknown] ** 2
     # Parameters have different units.
     unit = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     variances, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
     for variance, axis in zip(variances, axes.T, strict=True):
-        moved = values + unit * np.sqrt(max(float(variance), 0.0)) * axis
-        yield used.having(
-            {
-                name: float(np.clip(value, *bounds[name]))
-                for name, value in zip(names, moved, strict=True)
-            }
-        )
+        step = unit * np.sqrt(max(float(variance), 0.0)) * axis
+        both = [np.clip(values + sign * step, lower, upper) for sign in (1.0, -1.0)]
+        # A bound may be near on one side.
+        farther = max(both, key=lambda moved: float(np.sum(((moved - values) / unit) ** 2)))
+        yield used.having(dict(zip(names, farther.tolist(), strict=True)))
