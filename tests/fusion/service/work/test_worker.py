@@ -250,7 +250,9 @@ def test_a_lost_scheduler_and_another_program_are_waited_for(
         service.work()
     assert service.store.job(job.id).state is JobState.WAITING
     codes = [note["code"] for note in service.notes(job) if "code" in note]
-    assert codes == ["cluster-lost", "busy"]
+    # On a slow machine the scheduler is asked for more than once.
+    *lost, last = codes
+    assert (set(lost), last) == ({"cluster-lost"}, "busy")
 
 
 def test_an_upload_that_takes_too_long_is_named(service: Service) -> None:
