@@ -356,17 +356,6 @@ class Workspace:
         return self.home / "photoclinometry.json"
 
     @property
-    def albedo_path(self) -> Path:
-        """How the albedo of maplets and images of a solution by ``spcola spc albedo`` fit."""
-        return self.home / "albedo.json"
-
-    @property
-    def goodness_path(self) -> Path:
-        """How maplets and images fit: `photoclinometry_path`, or `albedo_path` without that."""
-        solved, albedo = self.photoclinometry_path, self.albedo_path
-        return albedo if albedo.is_file() and not solved.is_file() else solved
-
-    @property
     def scale_path(self) -> Path:
         """Where the scale lies."""
         return self.home / "scale.json"

@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-__all__ = ["as_solved"]
+from fusion.workspace import Workspace
 
+__all__ = ["as_solved", "goodness_path"]
+
+_FILE = "albedo.json"
 _FIT = (
     "outcome", "residual_start", "residual", "noise_ratio", "correlation", "shift_px", "shift_m",
     "sigma_m", "images",
 )  # fmt: skip
+
+
+def goodness_path(workspace: Workspace) -> Path:
+    """Return the file that has how images fit maplets; it may be missing.
+
+    It is ``photoclinometry.json``, or ``albedo.json`` where only the albedo was solved.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        In the solution.
+    """
+    solved, albedo = workspace.photoclinometry_path, workspace.home / _FILE
+    return albedo if albedo.is_file() and not solved.is_file() else solved
 
 
 def as_solved(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from fusion.report.photoclinometry.albedo import goodness_path
 from fusion.scene import caster_around
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
@@ -63,7 +64,7 @@ def _parent(workspace: Workspace) -> Workspace:
     An exported solution, of which a workspace was made, has no parent there.
     """
     # Made together with the record.
-    made = workspace.goodness_path.stat().st_mtime_ns
+    made = goodness_path(workspace).stat().st_mtime_ns
     parent = _parent_name(workspace.root, workspace.solution, made)
     return replace(workspace, solution=parent) if parent else workspace
 

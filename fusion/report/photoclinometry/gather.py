@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fusion.report.photoclinometry.albedo import goodness_path
 from fusion.report.photoclinometry.around import around_caster, around_files
 from fusion.report.photoclinometry.comparing import image_strip
 from fusion.report.photoclinometry.goodness import (
@@ -113,7 +114,7 @@ def solved_inputs(workspace: Workspace) -> list[Path]:
         for name in sorted(names)
         for path in (workspace.image_path(name), workspace.exposure_path(name))
     ]
-    return [workspace.goodness_path, *shape, *sorted(around), *directions, *images]
+    return [goodness_path(workspace), *shape, *sorted(around), *directions, *images]
 
 
 def _shown(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.report.photoclinometry.albedo import as_solved
+from fusion.report.photoclinometry.albedo import as_solved, goodness_path
 from fusion.workspace import Workspace
 from spcola.errors import FormatError
 
@@ -38,11 +38,11 @@ def read_goodness(workspace: Workspace) -> dict[str, Any] | None:
     FormatError
         If it lacks what is shown.
     """
-    path = workspace.goodness_path
+    path = goodness_path(workspace)
     content = workspace.find_json(path.name)
     if content is None:
         return None
-    albedo = path == workspace.albedo_path
+    albedo = path != workspace.photoclinometry_path
     try:
         content = as_solved(content) if albedo else content
         goodness_index(content)

@@ -14,6 +14,7 @@ from fusion.report.photoclinometry import (
     residual_limit,
     strip_png,
 )
+from fusion.report.photoclinometry.albedo import goodness_path
 from fusion.report.photoclinometry.around import around_caster, around_files
 from fusion.runtime import content_digest
 from fusion.service.views.body import PAGE_FACETS, shape_mesh
@@ -142,7 +143,7 @@ def _key(
     """Return what a picture is made from."""
     own = name_of_image(image) or image
     paths = [
-        workspace.goodness_path, workspace.maplet_path(maplet), workspace.image_path(own),
+        goodness_path(workspace), workspace.maplet_path(maplet), workspace.image_path(own),
         workspace.exposure_path(own), *([workspace.shape_path()] if workspace.has_shape() else []),
     ]  # fmt: skip
     around = _around_stamp(workspace, content, maplet)
@@ -155,7 +156,7 @@ def _around_stamp(workspace: Workspace, content: dict[str, Any], maplet: str) ->
 
 
 def _content(workspace: Workspace) -> dict[str, Any]:
-    path = workspace.goodness_path
+    path = goodness_path(workspace)
     if not path.is_file():
         do = f"run: spcola spc lithos {workspace.root}"
         raise WorkspaceError("is not there: no maplet of the solution is from images", path, do)
